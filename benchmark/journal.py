@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from surveilnav.stored import replacing
+from surveilnav.storage import atomic_write
 
 try:
     import fcntl
@@ -17,7 +17,7 @@ except ImportError:  # not a POSIX system: there one process at a time may write
 
 @contextmanager
 def locked(path: Path) -> Iterator[None]:
-    """Holds a journal against other writers until the end. Not to be nested."""
+    """Locks a journal against other writers while the context lasts. It can't be nested."""
     if fcntl is None:
         yield
         return
@@ -52,7 +52,7 @@ def lines(path: Path) -> list[str]:
 
 def rewrite(path: Path, new: Iterable[str]) -> None:
     """Puts other lines in a journal's place, all or none; to be called while it is ``locked``. Raises OSError."""
-    with replacing(path) as file:
+    with atomic_write(path) as file:
         os.fchmod(file.fileno(), 0o644)
         file.write("".join(f"{line}\n" for line in new).encode())
         file.flush()

@@ -1,4 +1,4 @@
-"""Folders of earlier searches, which hold pictures: they go where an age is set for pictures, and nowhere else."""
+"""Removes folders of earlier searches, which hold pictures, if SURVEILNAV_PICTURES__KEEP_H sets an age for pictures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``surveilnav homes``: a line for every building in a folder."""
+"""``surveilnav homes``: surveys every building in a folder, a row of the table each."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from surveilnav.simulator.world.reach import Survey, survey
 
 @dataclass(frozen=True)
 class SurveyedFile:
-    """A file, and what was found in it or why it can't be read."""
+    """A file with its survey, or the error why it can't be read."""
 
     file: str
     survey: Survey | None

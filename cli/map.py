@@ -68,11 +68,11 @@ def _first_mapped(asked: Client) -> str:
 
 
 def _write(out: Path, asked: Client, place: Layer) -> None:
-    from surveilnav.stored import replacing
+    from surveilnav.storage import atomic_write
 
     read = asked.layer_picture if out.suffix == ".png" else asked.layer_npy
     data = read(place.floor, place.layer, place.target)
-    with replacing(out) as written:
+    with atomic_write(out) as written:
         written.write(data)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import errno
 from typing import Any
 
-from surveilnav.errors import SurveilNavError, explain_settings
+from surveilnav.errors import SurveilNavError, explain_settings_error
 
 
 def in_words(error: Exception) -> str | None:
@@ -31,7 +31,7 @@ def _of_settings(error: Exception) -> str | None:
     except ModuleNotFoundError:  # a base installation
         return None
     if isinstance(error, ValidationError):
-        return explain_settings(error)
+        return explain_settings_error(error)
     return f"error: {error}" if isinstance(error, SettingsError) else None
 
 

@@ -43,7 +43,7 @@ class Recorder:
 
     def __post_init__(self) -> None:
         self._began_s = time.monotonic()
-        self._observation = self.node.slot(ROBOT_OBSERVATION, robot=self.robot)
+        self._observation = self.node.latest(ROBOT_OBSERVATION, robot=self.robot)
         self._plan = self.node.table(MISSION_PLAN, mission=self.mission)
         self._status = self.node.table(MISSION_STATUS, mission=self.mission)
         self._revisions = self.node.table(MAP_REVISION)

@@ -19,12 +19,12 @@ from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from surveilnav import __version__
 from surveilnav.camera_plan import CameraPlan, PlannedCamera
+from surveilnav.code_fingerprint import code_fingerprint
 from surveilnav.config import cache_dir
 from surveilnav.geometry import Matrix4, Pinhole, Pose
-from surveilnav.program import program_id
 from surveilnav.simulator.render.depth_noise import DepthNoise
 from surveilnav.simulator.render.view_cache import ViewCache
-from surveilnav.stored import read_parts, write_parts
+from surveilnav.storage import read_parts, write_parts
 
 if TYPE_CHECKING:
     from surveilnav.simulator.render.picture import Rendered
@@ -187,7 +187,7 @@ class SimulatedBuilding:
         )
         noise = repr(DepthNoise.camera()) if self.settings.depth_noise else ""
         seed = noise_seed(self.settings.seed, camera.name, view)
-        facts = clean, noise, seed, CAMERA_DEPTH_RANGE_M, program_id("surveilnav.simulator.render")
+        facts = clean, noise, seed, CAMERA_DEPTH_RANGE_M, code_fingerprint("surveilnav.simulator.render")
         return hashlib.sha256(repr(facts).encode()).hexdigest()
 
     def robot_view(

@@ -87,7 +87,7 @@ def test_a_camera_source_is_put_on_the_bus(make_node, client, tmp_path):
     source = page["FolderSource"](tmp_path, page["PLACE"], page["VIEWS"], page["INTRINSICS"])
     assert source.version(0) is None
     service = CameraService(make_node("camera", "hall"), source, CameraSettings())
-    slot = client.slot(CAMERA_FRAME, floor="0", camera="hall", view=0)
+    slot = client.latest(CAMERA_FRAME, floor="0", camera="hall", view=0)
 
     def shoot(grey, depth_mm, at_ns):
         cv2.imwrite(str(tmp_path / "0.jpg"), np.full((480, 640, 3), (grey, grey, 250), np.uint8))
@@ -132,7 +132,7 @@ def test_a_robot_body_obeys(make_node, client):
     drive = Drive()
     body = code_of("robot-body")["DrivenBody"](drive, Pinhole.from_hfov(64, 48, 1.2))
     service = RobotService(make_node("robot", "r1"), body, RobotSettings(id="r1"))
-    observations = client.slot(ROBOT_OBSERVATION, robot="r1")
+    observations = client.latest(ROBOT_OBSERVATION, robot="r1")
 
     def command(action, seq, **more):
         message = Command(stamp_ns=clock_ns(), action=action, seq_expected=seq, mission="m1", **more)

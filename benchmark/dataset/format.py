@@ -24,7 +24,7 @@ import msgspec
 from surveilnav.camera_plan import PlannedCamera
 from surveilnav.errors import ConfigError
 from surveilnav.geometry import Pinhole
-from surveilnav.stored import replacing
+from surveilnav.storage import atomic_write
 
 #: Grows when a file's meaning changes: the runner reads no other.
 VERSION = 2
@@ -181,7 +181,7 @@ def write(path: Path, value: Any) -> str:
         msgspec.json.encode(value, order="deterministic"), indent=0 if path.suffix == ".gz" else 2
     )
     path.parent.mkdir(parents=True, exist_ok=True)
-    with replacing(path) as file:
+    with atomic_write(path) as file:
         file.write(gzip.compress(data, mtime=0) if path.suffix == ".gz" else data)
     return hashlib.sha256(data).hexdigest()
 

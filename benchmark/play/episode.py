@@ -14,16 +14,18 @@ from surveilnav.benchmark.play.cameras import Cameras, InvokedCameras
 from surveilnav.benchmark.play.sight import ROBOT, SeenView, Sight, text_as_sent
 from surveilnav.benchmark.policies.policy import Searcher
 from surveilnav.perception.prompts import value_prompt
+from surveilnav.robot_state import RobotState
 from surveilnav.sensing.views import PosedView
 from surveilnav.services.fusion.core import FusionConfig, JointMap
 from surveilnav.services.fusion.core.views.validation import ViewError
-from surveilnav.services.planner.core import Decision, MapView, RobotView
-from surveilnav.services.robot_node import core as robot
+from surveilnav.services.planner.core import Decision, FloorMaps, RobotView
+from surveilnav.services.robot_node.core import status_message
+from surveilnav.simulator.world import robot_motion
 from surveilnav.simulator.world.goals import Goals, Start, Verdict, judge
 
 _MISSION = "episode"
 #: ``on_step(step, view, joint, maps, decision)``.
-OnStep = Callable[[int, PosedView, JointMap, MapView, Decision], None]
+OnStep = Callable[[int, PosedView, JointMap, FloorMaps, Decision], None]
 _NO_SUMMARIES: Mapping[str, Mapping[str, float]] = {}
 
 
@@ -109,8 +111,8 @@ class Episode:
         self._surveillance, self._all_at_once = surveillance, views_per_step == 0 and cameras is None
         self._cameras = cameras or InvokedCameras(sight, fusion or FusionConfig(), delay_steps, views_per_step)
         self._navigation = sight.building.navigation
-        self._state = robot.RobotState(*start.p_m, start.floor, start.yaw_rad, mission=_MISSION)
-        self._stairs = tuple(robot.stairs_of(self._navigation))
+        self._state = RobotState(*start.p_m, start.floor, start.yaw_rad, mission=_MISSION)
+        self._stairs = tuple(robot_motion.stairs_in(self._navigation))
         self._reports = surveillance and summaries and len(self._navigation.floors) > 1
         self._reported = sight.by_floor() if self._reports else _NO_SUMMARIES
         self._text = text_as_sent(sight.backend, value_prompt(goals.label))
@@ -143,7 +145,7 @@ class Episode:
             return seen, ()
         return seen, self._cameras.invoke(seen.view.floor_z_m, self._searcher.steps)
 
-    def fuse(self, seen: SeenView, arrived: tuple[str, ...]) -> tuple[JointMap, MapView]:
+    def fuse(self, seen: SeenView, arrived: tuple[str, ...]) -> tuple[JointMap, FloorMaps]:
         """The joint maps with the cameras' views and the robot's, and what the planner is shown of them."""
         if self._joint is None and self._fused is not None and self._all_at_once:
             self._joint, in_turn = self._fused.maps_of(arrived), iter([seen])
@@ -154,12 +156,14 @@ class Episode:
             floor = _take(self._joint, view)
             if view is seen:
                 self._floor = floor or self._floor
-        maps = map_view(_maps_for(self._joint, self._floor, seen.view), self._floor, self._text, self._embedding_model)
+        maps = floor_maps(
+            _maps_for(self._joint, self._floor, seen.view), self._floor, self._text, self._embedding_model
+        )
         return self._joint, replace(maps, pending_views=self._cameras.n_pending)
 
-    def decide(self, maps: MapView) -> Decision:
+    def decide(self, maps: FloorMaps) -> Decision:
         """The searcher's waypoint and action."""
-        status = robot.status_of(self._state, robot=ROBOT, stairs=self._stairs)
+        status = status_message(self._state, robot=ROBOT, stairs=self._stairs)
         view = RobotView.from_status(status, _MISSION, self._stairs)
         if self._refused:
             view = replace(view, last_action=None, collided=False)
@@ -168,9 +172,9 @@ class Episode:
     def act(self, decision: Decision) -> None:
         """Carries it out. A refused stair leaves the robot where it is: the mission sees that at its next step."""
         action, to_floor = decision.action, decision.to_floor
-        self._refused = bool(action and robot.refusal(self._state, action, self._navigation, to_floor))
+        self._refused = bool(action and robot_motion.refusal(self._state, action, self._navigation, to_floor))
         if action and not self._refused:
-            self._state = robot.act(self._state, action, self._navigation, to_floor)
+            self._state = robot_motion.act(self._state, action, self._navigation, to_floor)
             self._note_place()
 
     def _note_place(self) -> None:
@@ -229,12 +233,12 @@ def _maps_for(joint: JointMap, floor: str, view: PosedView) -> JointMap:
     return JointMap.unseen(floor, view.floor_z_m, (x_m, y_m), joint.config)
 
 
-def map_view(joint: JointMap, floor: str, text: np.ndarray, embedding_model: str) -> MapView:
+def floor_maps(joint: JointMap, floor: str, text: np.ndarray, embedding_model: str) -> FloorMaps:
     """The planner's view of the joint maps of a floor."""
     grid, occupancy = joint.layer(floor, "occupancy")
     layers = {name: joint.layer(floor, name)[1] for name in ("explored", "frontier")}
     value = joint.layer(floor, "value", text, embedding_model)[1]
-    return MapView(
+    return FloorMaps(
         floor,
         joint.floors[floor],
         grid,

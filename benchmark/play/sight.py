@@ -1,4 +1,4 @@
-"""What robot and cameras see in a simulated building, with what perception says of it: views as fusion gets them.
+"""The views that fusion would get of a simulated building: rendered for the robot and the cameras, with perception's answers.
 
 Two ways. ``pixels``: rendered with light, through the encoders of the bus and back, so the bytes are those that a camera
 would offer and a detector sees what JPEG left. ``depth``: for perception that is told the truth and looks at no pixel:
@@ -30,7 +30,8 @@ from surveilnav.messages import (
     Observation,
 )
 from surveilnav.perception.backend import Backend
-from surveilnav.robot_body import CAMERA_HEIGHT_M, DEPTH_RANGE_M
+from surveilnav.robot_body import CAMERA, CAMERA_HEIGHT_M, DEPTH_RANGE_M
+from surveilnav.robot_state import RobotState
 from surveilnav.sensing.packing import (
     decode_frame,
     encode_rgbd,
@@ -40,8 +41,7 @@ from surveilnav.sensing.packing import (
     unpack_embedding,
 )
 from surveilnav.sensing.views import PosedView, TrueInstances, ViewPerception, looks_straight_down
-from surveilnav.services.camera_node.core import Seen, labels_of, summary
-from surveilnav.services.robot_node import core as robot
+from surveilnav.services.camera_node.core import ViewLabels, build_summary, merge_labels
 from surveilnav.simulator.furniture.labels import TARGETS
 from surveilnav.simulator.render.depth_noise import DepthNoise
 from surveilnav.simulator.render.picture import Rendered
@@ -188,12 +188,12 @@ class Sight:
         self.camera = lru_cache(maxsize=None)(self._camera)
         self.summary = lru_cache(maxsize=None)(self._summary)
 
-    def robot(self, state: robot.RobotState, seed: int = 0) -> SeenView:
+    def robot(self, state: RobotState, seed: int = 0) -> SeenView:
         """What the robot sees at ``state``; ``seed`` sets the luck of its perception apart from other episodes'."""
-        T_world_camera = robot.camera_pose_of(state)
+        T_world_camera = state.camera_pose()
         key = (seed, f"robot/{ROBOT}", 0, state.seq) if seed else (f"robot/{ROBOT}", 0, state.seq)
         if self.way == "depth":
-            rendered = self._depth(T_world_camera, robot.CAMERA, DEPTH_RANGE_M, DepthNoise.robot(), "robot", state.seq)
+            rendered = self._depth(T_world_camera, CAMERA, DEPTH_RANGE_M, DepthNoise.robot(), "robot", state.seq)
             view = PosedView(
                 f"robot/{ROBOT}",
                 0,
@@ -201,14 +201,14 @@ class Sight:
                 state.seq,
                 state.floor,
                 T_world_camera,
-                self._lens(robot.CAMERA),
+                self._lens(CAMERA),
                 CAMERA_HEIGHT_M,
                 rendered.rgb,
                 rendered.depth_m,
                 DEPTH_RANGE_M,
             )
             return SeenView(view, self._perceive(view, rendered, key), 0)
-        rendered = self.building.robot_view(T_world_camera, robot.CAMERA, DEPTH_RANGE_M, state.seq)
+        rendered = self.building.robot_view(T_world_camera, CAMERA, DEPTH_RANGE_M, state.seq)
         payload, image, depth = encode_rgbd(rendered.rgb, rendered.depth_m, depth_range_m=DEPTH_RANGE_M)
         header = Observation(
             stamp_ns=state.seq,
@@ -217,12 +217,12 @@ class Sight:
             seq=state.seq,
             floor=state.floor,
             T_world_camera=Pose.from_matrix(T_world_camera),
-            camera=robot.CAMERA,
+            camera=CAMERA,
             mounting_offset_m=CAMERA_HEIGHT_M,
             depth_range_m=DEPTH_RANGE_M,
             image=image,
             depth=depth,
-            T_world_base=Pose.from_matrix(robot.base_pose_of(state)),
+            T_world_base=Pose.from_matrix(state.base_pose()),
             last_action=state.last_action,  # type: ignore[arg-type]
             collided=state.collided,
             path_m=state.path_m,
@@ -250,10 +250,10 @@ class Sight:
         for index, view in enumerate(self.camera(name)):
             labels: dict[str, float] = {}
             for detected in view.perception.detections if view.perception else ():
-                labels[detected.label] = max(detected.worth, labels.get(detected.label, 0.0))
-            seen[index] = Seen(1, labels)
+                labels[detected.label] = max(detected.confidence, labels.get(detected.label, 0.0))
+            seen[index] = ViewLabels(1, labels)
         floor = self._cameras[name].floor
-        message = summary(name, floor, labels_of(seen), stamp_ns=0)
+        message = build_summary(name, floor, merge_labels(seen), stamp_ns=0)
         key = CAMERA_SUMMARY.key_for(building=_BUILDING, floor=floor, camera=name)
         return message, len(encode(message)) + len(key)
 

@@ -1,4 +1,4 @@
-"""What the policies share: everything but the choice of frontiers, and how much it takes to believe a detector.
+"""The policy that all baselines are variants of: they differ in how they choose frontiers and in when they believe a detector.
 
 A baseline is a ``FrontierRule``, a ``PlannerConfig`` and the maps' settings; scans, driving, stairs and ways out of
 being stuck are ours for all of them. A paper that says nothing of these gets the better choice.
@@ -11,10 +11,9 @@ from typing import Any
 
 from surveilnav.benchmark.policies.policy import Task
 from surveilnav.services.fusion.core import FusionConfig
-from surveilnav.services.planner.core import Decision, MapView, MissionState, PlannerConfig, RobotView, step
+from surveilnav.services.planner.core import Decision, FloorMaps, MissionState, PlannerConfig, RobotView, step
 from surveilnav.services.planner.core.context import FrontierRule
 from surveilnav.services.planner.core.goals.frontier_choice import best_frontier
-from surveilnav.services.planner.core.memory.floor_goal import FloorChange
 
 #: A single detection of at least this score is believed by those who go to the first one. (VLFM asks .8 of YOLOv7;
 #: the detectors here are less sure of themselves, and .5 is what SurveilNav's confirmation asks.)
@@ -25,11 +24,11 @@ _STAYS: Mapping[str, Any] = {"floor_chance": 1.0}
 
 
 class MissionPolicy:
-    """A searcher made of the planner's core.
+    """A searcher that runs the planner's core, with a frontier rule and settings of its own.
 
-    ``summaries`` False: what the cameras of other floors report isn't looked at. Floors are then searched one by one:
-    when nothing is left to explore on one, the stage ``next_floor`` sends the robot to the nearest that isn't searched, unless
-    the task says that the first one has a goal.
+    With ``summaries`` the robot may change floors by what the cameras of other floors report. Without, floors are searched one
+    after the other: when nothing is left to explore on one, the stage ``next_floor`` sends the robot to the nearest floor that
+    isn't searched yet, unless the task says that the first floor has a goal.
     """
 
     def __init__(
@@ -44,12 +43,7 @@ class MissionPolicy:
         """Actions decided so far."""
         return self._state.step
 
-    @property
-    def changes(self) -> list[FloorChange]:
-        """The stairs taken."""
-        return self._state.changes
-
-    def act(self, maps: MapView, robot: RobotView, summaries: Mapping[str, Mapping[str, float]]) -> Decision:
+    def act(self, maps: FloorMaps, robot: RobotView, summaries: Mapping[str, Mapping[str, float]]) -> Decision:
         """See ``Searcher``."""
         reported = summaries if self._summaries else {}
         self._state, decision = step(self._state, maps, robot, self._config, self._task.driver, reported, self._rule)

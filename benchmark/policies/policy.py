@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from surveilnav.services.fusion.core import FusionConfig
-from surveilnav.services.planner.core import Decision, MapView, RobotView
+from surveilnav.services.planner.core import Decision, FloorMaps, RobotView
 from surveilnav.services.planner.core.motion.drive import LocalPlanner
 from surveilnav.simulator.world.goals import Goals
 from surveilnav.simulator.world.navigation import NavigationMap
@@ -46,7 +46,7 @@ class Searcher(Protocol):
     def steps(self) -> int:
         """Actions decided so far; a stair counts as many as moves of its length."""
 
-    def act(self, maps: MapView, robot: RobotView, summaries: Mapping[str, Mapping[str, float]]) -> Decision:
+    def act(self, maps: FloorMaps, robot: RobotView, summaries: Mapping[str, Mapping[str, float]]) -> Decision:
         """The next action, see ``surveilnav.services.planner.core.step``. Not to be called again once ``finished``.
 
         Args:

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 from surveilnav.benchmark.policies.policy import Policy, Task, Truth
 from surveilnav.services.fusion.core import FusionConfig
-from surveilnav.services.planner.core import Decision, MapView, PlannerConfig, RobotView
+from surveilnav.services.planner.core import Decision, FloorMaps, PlannerConfig, RobotView
 from surveilnav.services.planner.core.motion.drive import HEADINGS
 from surveilnav.simulator.world.distance_field import Waypoint
 from surveilnav.simulator.world.goals import SUCCESS_M
@@ -48,7 +48,7 @@ class ShortestPath:
         self._plan: deque[_Step] = deque()
         self.steps = 0
 
-    def act(self, maps: MapView, robot: RobotView, summaries: Mapping[str, Mapping[str, float]]) -> Decision:
+    def act(self, maps: FloorMaps, robot: RobotView, summaries: Mapping[str, Mapping[str, float]]) -> Decision:
         """The next action; the maps aren't looked at."""
         here = robot.x_m, robot.y_m
         way = self._truth.goals.field.path_from(here, robot.floor)

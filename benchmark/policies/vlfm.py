@@ -19,7 +19,7 @@ import numpy as np
 from surveilnav.benchmark.policies.mission import MissionPolicy, first_sight
 from surveilnav.benchmark.policies.policy import Policy
 from surveilnav.services.fusion.core import FusionConfig, MapConfig, ValueConfig
-from surveilnav.services.planner.core import MapView, PlannerConfig
+from surveilnav.services.planner.core import FloorMaps, PlannerConfig
 from surveilnav.services.planner.core.context import FrontierChoice, StepContext
 from surveilnav.services.planner.core.goals.frontier_choice import current_frontier
 from surveilnav.services.planner.core.goals.frontiers import Frontier, values_near
@@ -47,7 +47,7 @@ class VlfmRule:
         return FrontierChoice(found, chosen, "by value")
 
 
-def valued(frontier: Frontier, maps: MapView, config: PlannerConfig) -> Frontier:
+def valued(frontier: Frontier, maps: FloorMaps, config: PlannerConfig) -> Frontier:
     """With its value; 0 where the map knows none."""
     known = values_near(maps, frontier, config.value_radius_m)
     value = float(np.median(known)) if known.size else 0.0

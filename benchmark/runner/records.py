@@ -75,7 +75,7 @@ class Records:
             journal.append(self.folder / BROKEN_FILE, msgspec.json.encode(broken).decode())
 
     def forget_damaged(self) -> list[tuple[str, str]]:
-        """Forgets searches whose row can't be read, so that they are played anew; which these were."""
+        """Removes rows that can't be read, so that their searches are played again. Returns the keys of these searches."""
         sound, damaged = [], []
         with _using(self.folder), journal.locked(self.path):
             for row in _rows(self.folder):
@@ -89,7 +89,7 @@ class Records:
         return sorted(damaged)
 
     def sort(self) -> None:
-        """Puts the rows in the dataset's order, each search once, so that the same run makes the same file."""
+        """Sorts the rows by the dataset's order and removes duplicates, so that the same run always makes the same file."""
         with _using(self.folder), journal.locked(self.path):
             settled = [row_of(r) for r in read(self.folder)]
             if settled != _rows(self.folder):
@@ -112,14 +112,14 @@ class Records:
 
 
 class StoredRun(NamedTuple):
-    """What a folder holds of a run."""
+    """The searches of a run that its folder holds, and those that the program failed on."""
 
     records: list[EpisodeRecord]
     broken: list[Broken]
 
 
 def stored_run(folder: Path, settings: RunSettings, basis: Basis) -> StoredRun | None:
-    """What was played of this very run, without touching the folder; None: nothing, or it is another run's.
+    """Reads what was played of exactly this run, without changing the folder. None: it holds nothing, or another run.
 
     Raises:
         ConfigError: a file is damaged.

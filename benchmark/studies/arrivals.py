@@ -1,7 +1,7 @@
-"""In which order the running system's maps took views, and on which state of them the planner decided: from a recording.
+"""Reads from a recording in which order the running system integrated views, and which revision each decision was made on.
 
-So a search can be played in one process with the same views in the maps at each decision. What is decided then can differ by
-the program alone, not by timing.
+With that a search can be played again in one process with the same views in the maps at each decision. If the robot then acts
+otherwise, the programs differ, not the timing.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from surveilnav.services.recorder.recorded import RecordedMessage, read_recordin
 
 
 class MapsState(NamedTuple):
-    """The revision of the maps, and how many cameras' views were still to come."""
+    """The revision of the maps, and how many camera views were still waiting for integration."""
 
     revision: int
     pending_views: int
 
 
 class Arrivals(NamedTuple):
-    """What came to the maps, and when the planner looked at them.
+    """The views of a search in the order of their integration, and the state of the maps at each decision.
 
     Attributes:
         views: source ("camera/<id>" or "robot/<id>") and index of each, in the order of fusion's log.
@@ -37,18 +37,18 @@ class Arrivals(NamedTuple):
     decided_on: Mapping[int, MapsState]
 
     def to_row(self) -> dict[str, Any]:
-        """As JSON holds it."""
+        """As plain JSON values."""
         return {"views": self.views, "decided_on": [[seq, *state] for seq, state in sorted(self.decided_on.items())]}
 
     @classmethod
     def from_row(cls, row: Mapping[str, Any]) -> Arrivals:
-        """What ``to_row`` made."""
+        """Reads what ``to_row`` returned."""
         views = tuple((str(source), int(index)) for source, index in row["views"])
         return cls(views, {seq: MapsState(*state) for seq, *state in row["decided_on"]})
 
 
 def arrivals_of(recording: Path) -> Arrivals:
-    """What the recording of a mission says.
+    """Reads the recording of a mission.
 
     Raises:
         RecordingError: it is no recording of this program, or lacks views.

@@ -1,12 +1,12 @@
-"""The running system, with cameras against without: each search is played by ``surveilnav demo``, both ways from one start.
+"""What cameras change in the running system: ``surveilnav demo`` plays each search twice from the same start, with and without.
 
     python -m surveilnav.benchmark.studies.live --buildings office_200 flats_201 ... [--targets tv bed] [--seeds 0]
     python -m surveilnav.benchmark.studies.live --surveillance on ...    # with cameras alone: how often demo finds, by target
 
-Services, bus, pixels and the clock are those that users have. Every search begins with empty maps. ``demo`` renders light and
-views before it starts the services, so that takes none of a search's time. Caches are warm otherwise, too: cameras' frames and
-what perception answers to them come from disk where an earlier search in the building asked for them. Rows go to ``--data`` as
-they come, so that a second start plays only what is missing; the page goes to ``--page``.
+The searches run as users run them: all services, the bus, rendered pixels and the real clock, each with empty maps.
+``demo`` renders light and views before it starts the services, so rendering takes none of a search's time. Camera
+frames and perception's answers to them come from disk if an earlier search in the building asked for them. Each
+search is a row of a file in ``--data``, so a second start plays only what is missing. The page goes to ``--page``.
 """
 
 from __future__ import annotations
@@ -61,7 +61,10 @@ class Search(NamedTuple):
 
 
 def play(search: Search, perception: str, runs: Path, models: str = "all") -> dict[str, Any]:
-    """What came of a search, or in "skipped" why it can't be. ``models``: the half of furniture models it is furnished with."""
+    """Plays a search and returns its row; a search that can't be played has the reason in "skipped".
+
+    ``models``: which half of the furniture models the building is furnished with.
+    """
     command = [
         str(Path(sys.executable).parent / "surveilnav"),
         "demo",
@@ -119,7 +122,7 @@ def pairs_of(rows: Sequence[dict[str, Any]]) -> list[Pair]:
 
 
 def page(rows: Sequence[dict[str, Any]], command: str) -> str:
-    """What it says, in Markdown."""
+    """The page in Markdown."""
     pairs, played = pairs_of(rows), [r for r in rows if "skipped" not in r]
     programs = ", ".join(sorted({r["program"] for r in played}))
     made = f"Made by `{command}`, program {programs}. {_fitted_to(played)}"
@@ -158,7 +161,7 @@ def page(rows: Sequence[dict[str, Any]], command: str) -> str:
 
 
 def _fitted_to(rows: Sequence[dict[str, Any]]) -> str:
-    """What of the buildings isn't held out."""
+    """Which plans and furniture models ``compact`` was trained on."""
     homes = [home for home in TRAIN_HOMES if any(r["building"] == home for r in rows)]
     plans = f"Training saw the plans of {', '.join(homes)}." if homes else "Training saw none of these plans."
     models = {r["models"] for r in rows}
@@ -276,7 +279,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _command(parser: argparse.ArgumentParser, args: argparse.Namespace) -> str:
-    """What plays this again."""
+    """The command that plays this again."""
     words = [parser.prog]
     for name, value in vars(args).items():
         if name != "table" and value != parser.get_default(name):

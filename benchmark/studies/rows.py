@@ -1,4 +1,4 @@
-"""What a study has measured so far: a JSON object a line, so that a second start does only what is missing."""
+"""The rows that a study has measured so far, one JSON object a line. A second start measures only what is missing."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class RowsFile:
         return rows
 
     def key_of(self, row: Mapping[str, Any]) -> tuple[Any, ...]:
-        """What tells a row from others."""
+        """The fields of a row that tell it from others."""
         return tuple(row[name] for name in self.key)
 
     def done(self) -> frozenset[tuple[Any, ...]]:

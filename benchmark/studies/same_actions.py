@@ -1,11 +1,11 @@
-"""Whether the running system and the benchmark do the same: searches of ``studies.live`` played again in one process.
+"""Compares the running system with the benchmark, action by action: searches of ``studies.live`` are played again in one process.
 
     python -m surveilnav.benchmark.studies.live --buildings parametric_flat --perception oracle ...
     python -m surveilnav.benchmark.studies.same_actions runs/live/oracle.jsonl ...
 
-Both decide by the same cores. What may differ is what comes to them: which view when, and the luck of ``simulated``, which
-depends on names that differ. So ``oracle`` and pixels are compared. Searches with cameras are played once more with views
-that come when they came in the running system: that tells timing from all else.
+Both decide with the same cores, so only their inputs can differ: which view arrives when, and the random errors of
+``simulated``, which depend on names of views. So only ``oracle`` and pixels are compared. Searches with cameras are
+played a third time, with each view integrated at the step of the recording; what differs then isn't due to timing.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from surveilnav.simulator.world.goals import find_goals, sample_start
 
 
 class Played(NamedTuple):
-    """What came of a search in one process."""
+    """The outcome of a search that was played in one process."""
 
     actions: list[str]
     success: bool
@@ -94,7 +94,7 @@ def play_and_compare(row: dict[str, Any], building: SimulatedBuilding) -> Compar
 
 
 def page(found: Sequence[Compared], command: str) -> str:
-    """What it says, in Markdown."""
+    """The page in Markdown."""
     whole = ", ".join(f"{said} {sum(c.whole for c in mine)} of {len(mine)}" for said, mine in _by_cameras(found))
     n = sum(c.live for c in found)
     timed = [c.with_live_timing.whole for c in found if c.with_live_timing is not None]

@@ -19,7 +19,7 @@ from surveilnav.benchmark.runner.settings import RunSettings, run_id
 from surveilnav.benchmark.tables.arms import Arm, Table
 from surveilnav.benchmark.tables.page import TableRow, page, plot
 from surveilnav.simulator.truth.choose import choose_backend
-from surveilnav.stored import replacing
+from surveilnav.storage import atomic_write
 
 
 class Made(NamedTuple):
@@ -158,7 +158,7 @@ def _write(
 @contextmanager
 def _replacing(path: Path) -> Iterator[IO[bytes]]:
     """A page appears whole, and others may read it."""
-    with replacing(path) as file:
+    with atomic_write(path) as file:
         os.fchmod(file.fileno(), 0o644)
         yield file
 

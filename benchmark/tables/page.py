@@ -28,7 +28,7 @@ FEW_MODELS = ("toilet", "tv")
 
 @dataclass(frozen=True, slots=True)
 class TableRow:
-    """An arm with what was played of it: at least one episode. The first line of a table is that of its first arm."""
+    """One arm of a table with its episodes, at least one. The others are compared with the row of the first arm."""
 
     arm: Arm
     records: Sequence[EpisodeRecord]

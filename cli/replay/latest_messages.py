@@ -1,4 +1,4 @@
-"""Answers questions about a recording as those would who were there: with what they last said."""
+"""Answers queries during a replay as the recorded services would have, with the newest message of each key."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ _PRESENT = {contract.CAMERA_INFO: "camera", contract.ROBOT_STATUS: "robot", cont
 
 
 class LatestMessages:
-    """The newest message of every key so far. Used by the player and by the threads that serve queries.
+    """The newest message of every key up to the present moment of the replay. Safe to use from several threads.
 
-    ``prompt``: what the recorded embedding is of.
+    ``prompt``: the text whose embedding is recorded.
     """
 
     def __init__(self, node: Node, prompt: str) -> None:
@@ -52,8 +52,8 @@ class LatestMessages:
         node.serve(contract.CAMERA_REQUEST, self._thumbnail)
         node.serve(PERCEPTION_TEXT, self._text)
 
-    def note(self, heard: RecordedMessage) -> None:
-        """Takes a message in; who is heard of for the first time is there from now on."""
+    def record(self, heard: RecordedMessage) -> None:
+        """Keeps a message as the newest of its key. The first message of a camera, robot or worker announces it on the bus."""
         with self._lock:
             if heard.stream in self._last:
                 self._last[heard.stream][heard.key] = heard
@@ -62,13 +62,13 @@ class LatestMessages:
         if (kind := _PRESENT.get(heard.stream)) is not None:
             self._announce(kind, next(v for k, v in heard.ids.items() if k not in ("building", "floor")))
 
-    def note_picture(self, view: LoggedView, header: FrameHeader, payload: bytes) -> None:
+    def record_picture(self, view: LoggedView, header: FrameHeader, payload: bytes) -> None:
         """Keeps the newest picture of a view."""
         with self._lock:
             self._pictures[view.source, view.view] = payload[: header.image.n_bytes]
 
     def forget(self) -> None:
-        """Nothing was said yet. Who was there stays: a page would take a moment's absence for a fault."""
+        """Drops all messages, for a jump back in time. Announced nodes stay: a page would take a moment's absence for a fault."""
         with self._lock:
             for last in self._last.values():
                 last.clear()

@@ -1,4 +1,4 @@
-"""Fusion's maps made again, view by view, for who asks for layers and objects meanwhile."""
+"""Rebuilds fusion's maps from a recording, view by view, and answers queries for layers and objects meanwhile."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from surveilnav.services.fusion.answers.reader import MapReader
 from surveilnav.services.fusion.building_maps import BuildingMaps
 from surveilnav.services.fusion.config import FusionSettings
 from surveilnav.services.fusion.core import FusionConfig
-from surveilnav.services.fusion.intake.robot_places import RobotPlaces
+from surveilnav.services.fusion.intake.robot_positions import RobotPositions
 from surveilnav.services.fusion.intake.texts import TextEncoder
 from surveilnav.services.fusion.intake.workers import Workers
 from surveilnav.services.fusion.map_log.log import MapLog
@@ -29,7 +29,7 @@ class ReplayedMaps:
     def __init__(self, node: Node, folder: Path) -> None:
         self._node, self._folder = node, folder
         self._texts = TextEncoder(Workers(node))
-        self._places = RobotPlaces()
+        self._positions = RobotPositions()
         self._log: MapLog | None = None
         self._answers: tuple[LayerAnswers, ObjectAnswers] | None = None
         self._n_begun = 0
@@ -51,15 +51,15 @@ class ReplayedMaps:
         settings = _settings(config_of(maps), store)
         restored = BuildingMaps(settings.core())
         self._log = MapLog(self._node, settings, restored)
-        self._places = RobotPlaces()
-        reader = MapReader(restored, self._texts, self._places)
+        self._positions = RobotPositions()
+        reader = MapReader(restored, self._texts, self._positions)
         self._answers = LayerAnswers(self._node, reader), ObjectAnswers(reader, self._log)
 
     def integrate(self, view: LoggedView, payload: bytes) -> None:
         """Integrates a view as it was logged."""
         if self._log is not None:
             perceived = perceived_from_entry(entry_of(view, payload))
-            self._places.record(perceived.header)
+            self._positions.record(perceived.header)
             self._log.integrate([perceived])
 
     def forget(self) -> None:

@@ -41,7 +41,7 @@ class Player:
 
     def __init__(self, node: Node, folder: Path, facts: dict[str, str]) -> None:
         self._node = node
-        self._memory = LatestMessages(node, facts.get("prompt", ""))
+        self._latest = LatestMessages(node, facts.get("prompt", ""))
         self._maps = ReplayedMaps(node, folder)
         self._publishers: dict[str, Publisher] = {}
         for kind in ("fusion", "planner"):
@@ -55,7 +55,7 @@ class Player:
             case RecordedMessage(stream=stream) if stream is VIEW_LOG:
                 self._view(found.message, found.payload, quietly)
             case RecordedMessage():
-                self._memory.note(found)
+                self._latest.record(found)
                 if "put" in found.stream.kind and not quietly:
                     self._put(found.stream, found.ids, found.message)
             case _:
@@ -63,12 +63,12 @@ class Player:
 
     def forget(self) -> None:
         """Begins anew: nothing was told yet."""
-        self._memory.forget()
+        self._latest.forget()
         self._maps.forget()
 
     def tell_again(self, *, regular: bool) -> None:
         """Says what was last said of everything, or only of what is said ``regular``ly and would grow stale."""
-        for heard in self._memory.newest(regular=regular):
+        for heard in self._latest.newest(regular=regular):
             self._put(heard.stream, heard.ids, heard.message)
 
     def close(self) -> None:
@@ -86,7 +86,7 @@ class Player:
                 )
                 if not quietly:
                     self._put(ROBOT_OBSERVATION if kind == "robot" else CAMERA_FRAME, ids, header, payload)
-                self._memory.note_picture(view, header, payload)
+                self._latest.record_picture(view, header, payload)
             self._maps.integrate(view, payload)
         except (WireError, msgspec.DecodeError, ValueError) as error:
             raise RecordingError(f"view {view.number} can't be read: {error}") from error

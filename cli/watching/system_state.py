@@ -1,4 +1,4 @@
-"""What was last heard of the building, by the gateway's own resources."""
+"""The state of the running system as the gateway last reported it."""
 
 from __future__ import annotations
 
@@ -9,13 +9,18 @@ from surveilnav.client import Client
 from surveilnav.errors import GatewayError
 from surveilnav.rest import Building, Camera, Floor, Mission, MissionPlan, Robot, Service, Traffic, Worker
 
-#: Of so many missions under way the plans are read.
+#: Plans are read for this many missions.
 _PLANS = 3
 
 
 @dataclass(frozen=True, slots=True)
 class SystemState:
-    """``lost``: since when the gateway doesn't answer; None: it does. ``rates``: offered bytes a second by "camera/id"."""
+    """The gateway's resources.
+
+    Attributes:
+        rates: bytes that a source offers per second, by "camera/id" or "robot/id".
+        lost: since when the gateway doesn't answer; None while it does.
+    """
 
     missions: list[Mission] = field(default_factory=list)
     plans: dict[str, MissionPlan] = field(default_factory=dict)

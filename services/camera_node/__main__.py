@@ -13,25 +13,25 @@ from surveilnav.bus.main import run_service
 from surveilnav.camera_plan import CameraPlan, PlannedCamera
 from surveilnav.perception.backend import Backend
 from surveilnav.services.camera_node.config import CameraSettings
-from surveilnav.services.camera_node.eyes import open_eyes
+from surveilnav.services.camera_node.edge_perception import open_edge_perception
 from surveilnav.services.camera_node.service import CameraService
-from surveilnav.services.camera_node.slots import lease, named
+from surveilnav.services.camera_node.slots import find_camera, lease
 from surveilnav.services.camera_node.sources.simulated import SimulatedSource
 from surveilnav.services.camera_node.zones import read_zones
 from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings
 
 
 def main() -> None:
-    """One simulated camera, until SIGTERM."""
+    """Runs one simulated camera until SIGTERM."""
     settings, bus = CameraSettings(), BusSettings()
     building = SimulatedBuilding(SimulationSettings())
     plan = building.plan
-    if settings.masks:  # before any camera is leased: a name that is misspelt would mask nothing
+    if settings.masks:  # checked before a camera is leased: zones of a misspelt camera name would mask nothing
         read_zones(Path(settings.masks), "", 0, [camera.name for camera in plan.cameras])
     with _camera_and_node(plan, settings, bus) as (camera, node):
         source = SimulatedSource(building, camera)
         service = CameraService(node, source, settings)
-        with open_eyes(
+        with open_edge_perception(
             node,
             source,
             settings,
@@ -46,34 +46,34 @@ def main() -> None:
 def _camera_and_node(
     plan: CameraPlan, settings: CameraSettings, bus: BusSettings
 ) -> Iterator[tuple[PlannedCamera, Node]]:
-    """The camera named in the settings and its node, or any free one of the plan, however long that takes."""
+    """The camera named in the settings and its node; without a name, any free camera, however long it takes to get one."""
     if settings.id:
-        camera = named(plan, settings.id)
+        camera = find_camera(plan, settings.id)
         with Node("camera", camera.name, bus) as node:
             yield camera, node
         return
-    said = False
+    announced = False
     while True:
-        with lease(plan, bus) as found:
-            if found is not None:
-                yield found
+        with lease(plan, bus) as leased:
+            if leased is not None:
+                yield leased
                 return
-        if not said:
+        if not announced:
             print(f"camera: all {len(plan.cameras)} slots of the plan are taken; waiting for one", file=sys.stderr)
-            said = True
-        _stay_healthy(bus)
+            announced = True
+        _touch_health_file(bus)
         time.sleep(2.0)
 
 
-def _stay_healthy(bus: BusSettings) -> None:
-    """A spare replica that waits for a slot to fall free is well."""
+def _touch_health_file(bus: BusSettings) -> None:
+    """Reports a spare replica, which waits for a slot to become free, as healthy."""
     if bus.health_file:
         bus.health_file.parent.mkdir(parents=True, exist_ok=True)
         bus.health_file.touch()
 
 
 def _backend(building: SimulatedBuilding, settings: CameraSettings) -> Backend:
-    from surveilnav.simulator.truth.choose import choose_backend  # the networks' runtime: only where somebody looks
+    from surveilnav.simulator.truth.choose import choose_backend  # loads ONNX Runtime, which few cameras need
 
     return choose_backend(
         settings.perception, threads=settings.threads, seed=building.settings.seed, download=settings.download

@@ -13,31 +13,34 @@ class CameraSettings(BaseSettings):
 
     model_config = SettingsConfigDict(env_prefix="SURVEILNAV_CAMERA__", extra="ignore")
 
-    id: str = Field("", description="a camera of the plan; empty: lease any free slot of it")
-    jpeg_quality: int = Field(85, ge=10, le=100, description="of the frames it sends")
-    thumbnail_width_px: int = Field(480, ge=64, le=1280, description="of the pictures made for people")
+    id: str = Field("", description="name of a camera of the plan; empty: lease any free one")
+    jpeg_quality: int = Field(85, ge=10, le=100, description="JPEG quality of the frames it sends")
+    thumbnail_width_px: int = Field(480, ge=64, le=1280, description="width of the pictures shown to people")
     masks: str = Field(
-        "", description="a file (YAML) of mask zones, which are never sent, kept or looked at; empty: there are none"
+        "",
+        description="a YAML file of mask zones, which are never sent, stored or given to a detector; empty: there are none",
     )
     perception: str = Field(
         "none",
         pattern=f"^({'|'.join(('none', *BackendName))})$",
-        description="with what the camera looks at its own views, for its summary; none: it doesn't, nor does it with "
-        f"{' or '.join(n for n in BackendName if n.too_large_for_camera)}, which are too large for a camera",
+        description="backend with which the camera examines its own views, for its summary; none, "
+        f"{' and '.join(n for n in BackendName if n.too_large_for_camera)} (which are too large for a camera): it doesn't",
     )
-    least_floors: int = Field(
-        2, ge=1, description="it looks only in buildings of so many floors: a floor is chosen among several"
+    min_floors: int = Field(
+        2,
+        ge=1,
+        description="the camera examines its views only in buildings with this many floors: its summary serves to choose one",
     )
-    kept_mb: int = Field(
+    disk_cache_mb: int = Field(
         2000,
         ge=0,
-        description="disk for frames and own looks of simulated views, all cameras together; 0: none are kept",
+        description="disk space for frames and detections of simulated views, all cameras together; 0: nothing is cached",
     )
-    look_period_s: float = Field(1.0, gt=0, description="it looks at one of its views in so long")
-    threads: int = Field(1, ge=1, le=64, description="threads of its own perception's networks")
+    look_period_s: float = Field(1.0, gt=0, description="time between two views that the camera examines itself")
+    threads: int = Field(1, ge=1, le=64, description="threads of the camera's own networks")
     download: bool = Field(True, description="whether missing weights may be downloaded")
 
     @property
-    def looks(self) -> bool:
-        """Whether it looks at its own views."""
+    def runs_perception(self) -> bool:
+        """Whether the camera examines its own views."""
         return self.perception != "none" and not BackendName(self.perception).too_large_for_camera

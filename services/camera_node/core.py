@@ -10,17 +10,17 @@ import msgspec
 
 from surveilnav.messages import CameraSummary
 
-#: A summary is for choosing the floor: it must stay this small whatever the camera sees.
+#: Size limit of a summary, which every planner gets from every camera.
 SUMMARY_LIMIT_BYTES = 512
-#: News may come sooner than the summary's own rate, but a camera that nobody invoked stays under 1 kB/s in all.
+#: A summary with news is sent earlier than the regular rate, but a camera that nobody invoked must stay under 1 kB/s.
 _NEWS_PERIOD_S = 2.0
-#: A thumbnail of a smaller width shows nothing.
-_LEAST_THUMBNAIL_PX = 64
+#: Thumbnails below this width show nothing useful.
+_MIN_THUMBNAIL_PX = 64
 
 
 @dataclass(frozen=True, slots=True)
 class SendState:
-    """What each view's listeners already have. ``sent``: content version last put, by view."""
+    """What the listeners have already. ``sent``: by view, the version of its picture that was sent last."""
 
     sent: Mapping[int, int] = field(default_factory=dict)
 
@@ -33,17 +33,17 @@ def views_to_send(
     requested: Collection[int] = (),
     paused: bool = False,
 ) -> tuple[SendState, tuple[int, ...]]:
-    """Decides which views to put now: those that somebody listens to and doesn't have, or asks for again.
+    """Decides which views to send now: those with a listener that doesn't have the present version or asks for it again.
 
     Args:
-        versions: version of what each view shows now, by view; a new number means that the picture changed.
-        matched: views whose publishers have a listener. Nobody listens: nothing is rendered, encoded or sent.
-        requested: views that someone asked to have again; they too need a listener.
-        paused: nothing is sent, and afterwards every listener gets each view anew.
+        versions: by view, the version of its present picture; a new number means that the picture changed.
+        matched: views whose publishers have a listener. Views without one are neither rendered nor encoded nor sent.
+        requested: views that somebody asked to have again; they are sent only if they have a listener.
+        paused: nothing is sent; when the pause ends every listener gets each view again.
 
     Returns:
-        The next state, assuming that all are put, and the views, those asked for first. A view that loses its last
-        listener is forgotten, so that the next listener gets it at once.
+        The next state, assuming that all these views are sent, and the views, requested ones first. A view that loses
+        its last listener is dropped from the state, so that the next listener gets it at once.
     """
     if paused:
         return SendState(), ()
@@ -54,40 +54,44 @@ def views_to_send(
 
 
 @dataclass(frozen=True, slots=True)
-class Seen:
-    """What a camera's own perception saw in one view: which version of it, and label -> highest confidence."""
+class ViewLabels:
+    """What the camera's own detector found in one view: ``labels`` (label -> highest confidence) at picture ``version``."""
 
     version: int
     labels: Mapping[str, float]
 
 
-def view_to_look_at(seen: Mapping[int, Seen], versions: Mapping[int, int]) -> int | None:
-    """The next view for the camera's own perception: one never looked at, else one that changed since; None if none is.
+def next_view_to_examine(examined: Mapping[int, ViewLabels], versions: Mapping[int, int]) -> int | None:
+    """The view that the camera's own detector should see next; None if it has seen the present version of all.
 
-    The view whose last look is the most versions old comes first.
+    Views never examined come first, then the one whose result is the most versions old.
     """
-    stale = [v for v in versions if v not in seen or seen[v].version != versions[v]]
-    return min(stale, key=lambda v: (v in seen, seen[v].version - versions[v] if v in seen else 0, v), default=None)
+    stale = [v for v in versions if v not in examined or examined[v].version != versions[v]]
+
+    def priority(v: int) -> tuple[bool, int, int]:
+        return v in examined, examined[v].version - versions[v] if v in examined else 0, v
+
+    return min(stale, key=priority, default=None)
 
 
-def labels_of(seen: Mapping[int, Seen]) -> dict[str, float]:
+def merge_labels(examined: Mapping[int, ViewLabels]) -> dict[str, float]:
     """Label -> highest confidence over all views."""
     labels: dict[str, float] = {}
-    for view in seen.values():
+    for view in examined.values():
         for label, confidence in view.labels.items():
             labels[label] = max(confidence, labels.get(label, 0.0))
     return labels
 
 
-def summary_due(waited_s: float, *, news: bool, period_s: float) -> bool:
-    """Whether the summary is put now, ``waited_s`` after the last one: at its rate, sooner if there is news."""
-    return waited_s >= (min(_NEWS_PERIOD_S, period_s) if news else period_s)
+def summary_due(since_last_s: float, *, news: bool, period_s: float) -> bool:
+    """Whether to send the summary now, ``since_last_s`` after the last one: every ``period_s``, earlier if there is news."""
+    return since_last_s >= (min(_NEWS_PERIOD_S, period_s) if news else period_s)
 
 
 def choose_slot(claimed: Collection[int], total: int, node_id: str) -> int | None:
-    """A free slot of the camera plan, or None if all are taken.
+    """A free slot of the camera plan, or None if all ``total`` are claimed.
 
-    Every node begins at a place of its own, so that replicas that start together seldom try the same slot.
+    Each node starts its search at a slot that depends on its id, so that replicas started together seldom collide.
     """
     if total <= 0:
         return None
@@ -96,26 +100,26 @@ def choose_slot(claimed: Collection[int], total: int, node_id: str) -> int | Non
 
 
 def keeps_slot(node_id: str, rivals: Collection[str]) -> bool:
-    """Whether a node that finds others on its slot keeps it: the smallest id does, the others choose again."""
+    """Whether a node keeps a slot that ``rivals`` claim, too: the smallest id does, the others choose again."""
     return all(node_id <= rival for rival in rivals)
 
 
-def summary(
+def build_summary(
     camera: str, floor: str, labels: Mapping[str, float], *, stamp_ns: int, limit_bytes: int = SUMMARY_LIMIT_BYTES
 ) -> CameraSummary:
-    """The summary with as many labels as fit into ``limit_bytes`` of MessagePack, the surest first."""
+    """The summary with as many labels as fit into ``limit_bytes`` of MessagePack, in order of confidence."""
     ranked = sorted(labels.items(), key=lambda item: (-item[1], item[0]))
-    kept: dict[str, float] = {}
-    message = CameraSummary(stamp_ns=stamp_ns, camera=camera, floor=floor, labels=kept)
+    included: dict[str, float] = {}
+    message = CameraSummary(stamp_ns=stamp_ns, camera=camera, floor=floor, labels=included)
     for label, confidence in ranked:
-        kept = {**kept, label: round(float(confidence), 3)}
-        larger = CameraSummary(stamp_ns=stamp_ns, camera=camera, floor=floor, labels=kept)
+        included = {**included, label: round(float(confidence), 3)}
+        larger = CameraSummary(stamp_ns=stamp_ns, camera=camera, floor=floor, labels=included)
         if len(msgspec.msgpack.encode(larger)) > limit_bytes:
             break
         message = larger
     return message
 
 
-def thumbnail_width_px(asked_px: int, most_px: int) -> int:
-    """How wide a thumbnail is that is asked for with a width; 0 asks for the most."""
-    return min(max(asked_px, _LEAST_THUMBNAIL_PX), most_px) if asked_px else most_px
+def thumbnail_width_px(requested_px: int, max_px: int) -> int:
+    """The width of a thumbnail for a request; 0 asks for the largest that the settings allow."""
+    return min(max(requested_px, _MIN_THUMBNAIL_PX), max_px) if requested_px else max_px

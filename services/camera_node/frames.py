@@ -1,4 +1,4 @@
-"""A camera's views as bytes: each version is encoded once, however often it is put, and a simulated one in all runs once."""
+"""Encodes a camera's views: each version once, however often it is sent, and a simulated view once for all runs."""
 
 from __future__ import annotations
 
@@ -8,58 +8,57 @@ from dataclasses import dataclass
 import cv2
 import msgspec
 
-from surveilnav.messages import Part
+from surveilnav.messages import PayloadPart
 from surveilnav.sensing.packing import encode_jpeg, encode_rgbd
 from surveilnav.services.camera_node.config import CameraSettings
-from surveilnav.services.camera_node.kept import Kept
+from surveilnav.services.camera_node.result_cache import ResultCache
 from surveilnav.services.camera_node.sources.source import Source
 
 _THUMBNAIL_QUALITY = 80
 
 
 @dataclass(frozen=True, slots=True)
-class Encoded:
-    """One version of a view as a payload and its parts."""
+class EncodedFrame:
+    """One version of a view: ``payload`` is the encoded colour, then depth, as ``image`` and ``depth`` describe them."""
 
     version: int
     payload: bytes
-    image: Part
-    depth: Part
+    image: PayloadPart
+    depth: PayloadPart
 
 
-class EncodedViews:
-    """The views of one source, encoded when they are wanted."""
+class FrameEncoder:
+    """Encodes the views of one source on demand."""
 
     def __init__(self, source: Source, settings: CameraSettings) -> None:
-        self._source, self._jpeg_quality, self._kept = source, settings.jpeg_quality, Kept(source, settings)
-        self._how = f"frame, JPEG {settings.jpeg_quality}"
-        self._newest: dict[int, Encoded] = {}
+        self._source, self._jpeg_quality = source, settings.jpeg_quality
+        self._cache, self._recipe = ResultCache(source, settings), f"frame, JPEG {settings.jpeg_quality}"
+        self._frames: dict[int, EncodedFrame] = {}
 
-    def newest(self, view: int) -> Encoded:
-        """The latest picture of a view that has one, encoded unless it was before."""
-        known, version = self._newest.get(view), self._source.version(view)
-        if known is None or known.version != version:
-            key = self._kept.key_of(view, self._how)
-            before = self._kept.get(key, lambda parts: _of_parts(version or 0, parts))
-            known = self._newest[view] = before or self._encoded(view, key)
-        return known
+    def newest(self, view: int) -> EncodedFrame:
+        """The latest picture of a view that has one; encoded only if neither this nor an earlier run did so."""
+        frame, version = self._frames.get(view), self._source.version(view)
+        if frame is None or frame.version != version:
+            key = self._cache.key_for(view, self._recipe)
+            cached = self._cache.get(key, lambda parts: _parse_frame(version or 0, parts))
+            frame = self._frames[view] = cached or self._encode(view, key)
+        return frame
 
-    def _encoded(self, view: int, key: str) -> Encoded:
+    def _encode(self, view: int, cache_key: str) -> EncodedFrame:
         picture = self._source.latest(view)
         payload, image, depth = encode_rgbd(
             picture.rgb, picture.depth_m, depth_range_m=self._source.depth_range_m, jpeg_quality=self._jpeg_quality
         )
-        self._kept.put(key, view, self._how, [payload, msgspec.msgpack.encode((image, depth))])
-        return Encoded(picture.version, payload, image, depth)
+        self._cache.put(cache_key, view, self._recipe, [payload, msgspec.msgpack.encode((image, depth))])
+        return EncodedFrame(picture.version, payload, image, depth)
 
     def thumbnail(self, view: int, width_px: int) -> bytes:
-        """A small JPEG of a view that has a picture, at its own aspect ratio."""
+        """A JPEG of the given width of a view that has a picture, in the picture's aspect ratio."""
         rgb = self._source.latest(view).rgb
         height_px = round(width_px * rgb.shape[0] / rgb.shape[1])
         return encode_jpeg(cv2.resize(rgb, (width_px, height_px), interpolation=cv2.INTER_AREA), _THUMBNAIL_QUALITY)
 
 
-def _of_parts(version: int, parts: Sequence[bytes]) -> Encoded:
-    """What another run encoded of the same view."""
-    image, depth = msgspec.msgpack.decode(parts[1], type=tuple[Part, Part])
-    return Encoded(version, parts[0], image, depth)
+def _parse_frame(version: int, parts: Sequence[bytes]) -> EncodedFrame:
+    image, depth = msgspec.msgpack.decode(parts[1], type=tuple[PayloadPart, PayloadPart])
+    return EncodedFrame(version, parts[0], image, depth)

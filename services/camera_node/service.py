@@ -1,4 +1,4 @@
-"""The camera node: encodes and puts a view only while somebody listens to it."""
+"""The camera node: encodes and publishes a view only while somebody listens to it."""
 
 from __future__ import annotations
 
@@ -11,16 +11,21 @@ from surveilnav.messages import Ack, CameraInfo, CameraViewInfo, FrameHeader
 from surveilnav.sensing.truth import truth_to_wire
 from surveilnav.services.camera_node import core
 from surveilnav.services.camera_node.config import CameraSettings
-from surveilnav.services.camera_node.frames import EncodedViews
-from surveilnav.services.camera_node.sources.masked import MaskedSource, masked
+from surveilnav.services.camera_node.frames import FrameEncoder
+from surveilnav.services.camera_node.sources.masked import MaskedSource, hide_mask_zones
 from surveilnav.services.camera_node.sources.source import Source
 
 
 class CameraService:
-    """Serves the views of one camera, without their mask zones."""
+    """Publishes the views of one camera, with its mask zones painted over.
+
+    Attributes:
+        sending: whether frames are being sent now; other work of the process should wait.
+        paused: whether a person has paused the camera: it sends nothing and answers no request for pictures.
+    """
 
     def __init__(self, node: Node, source: Source, settings: CameraSettings) -> None:
-        source = masked(source, settings)  # here, so that no camera can forget it
+        source = hide_mask_zones(source, settings)  # applied here, so that no camera can forget it
         self._node, self._source, self._settings = node, source, settings
         if settings.masks:
             zones = source.zones if isinstance(source, MaskedSource) else {}
@@ -30,13 +35,11 @@ class CameraService:
         self._name = f"camera/{place.name}"
         self._frames = {v: node.publisher(CAMERA_FRAME, **ids, view=v) for v in views}
         self._truths = {v: node.publisher(TRUTH, source=f"camera-{place.name}", view=v) for v in views}
-        self._encoded = EncodedViews(source, settings)
-        self._state = core.SendState()
+        self._encoder = FrameEncoder(source, settings)
+        self._send_state = core.SendState()
         self._requested: set[int] = set()
         self._lock = threading.Lock()
-        #: Frames are on their way: whatever can wait should.
         self.sending = False
-        #: A person has it look at nothing.
         self.paused = False
         self._seq = dict.fromkeys(views, 0)
         node.serve(CAMERA_INFO, lambda _: Answer(self._info()), **ids)
@@ -45,26 +48,26 @@ class CameraService:
         self._infos.put(self._info())
 
     def step(self) -> bool:
-        """Puts the views that are due; True if there were any."""
+        """One turn of the loop: sends the views that are due. True if there were any."""
         matched = {v for v, publisher in self._frames.items() if publisher.matched}
         with self._lock:
             requested, self._requested = self._requested, set()
         versions = {v: version for v in self._frames if (version := self._source.version(v)) is not None}
-        self._state, due = core.views_to_send(
-            self._state, versions=versions, matched=matched, requested=requested, paused=self.paused
+        self._send_state, due = core.views_to_send(
+            self._send_state, versions=versions, matched=matched, requested=requested, paused=self.paused
         )
         self.sending = bool(due)
         for view in due:
             if self._node.stopping.is_set():
                 break
-            self._put(view)
+            self._send(view)
         self.sending = False
         return bool(due)
 
-    def _put(self, view: int) -> None:
-        encoded = self._encoded.newest(view)
+    def _send(self, view: int) -> None:
+        frame = self._encoder.newest(view)
         self._seq[view] += 1
-        self._put_truth(view, encoded.version)
+        self._send_truth(view, frame.version)
         source, place = self._source, self._source.place
         header = FrameHeader(
             stamp_ns=clock_ns(),
@@ -76,13 +79,14 @@ class CameraService:
             camera=source.intrinsics,
             mounting_offset_m=place.mounting_offset_m,
             depth_range_m=source.depth_range_m,
-            image=encoded.image,
-            depth=encoded.depth,
+            image=frame.image,
+            depth=frame.depth,
         )
-        self._frames[view].put(header, encoded.payload)
+        self._frames[view].put(header, frame.payload)
 
-    def _put_truth(self, view: int, version: int) -> None:
-        if not self._truths[view].matched:  # only the backends oracle and simulated ever listen
+    def _send_truth(self, view: int, version: int) -> None:
+        """Publishes the instance ids of a simulated view, to which only the backends oracle and simulated ever listen."""
+        if not self._truths[view].matched:
             return
         picture = self._source.latest(view)
         if picture.truth is None or picture.version != version:
@@ -106,7 +110,7 @@ class CameraService:
     def _on_request(self, request: Request) -> Answer:
         action, views = request.message.action, request.message.views
         if action in ("pause", "resume"):
-            return self._pause(action == "pause")
+            return self._set_paused(action == "pause")
         if self.paused:
             raise Refused("paused", f"{self._name} is paused: a person has it show nothing until it is resumed")
         unknown = set(views) - set(self._frames)
@@ -119,7 +123,7 @@ class CameraService:
         self._node.wake.set()
         return Answer(Ack(stamp_ns=clock_ns(), message=f"{len(views)} views will come again"))
 
-    def _pause(self, paused: bool) -> Answer:
+    def _set_paused(self, paused: bool) -> Answer:
         if paused != self.paused:
             self.paused = paused
             self._node.log.warning("paused" if paused else "resumed")
@@ -130,4 +134,4 @@ class CameraService:
     def _thumbnail(self, view: int, width_px: int) -> bytes:
         if self._source.version(view) is None:
             raise Refused("busy", f"view {view} has no picture yet: ask again later")
-        return self._encoded.thumbnail(view, core.thumbnail_width_px(width_px, self._settings.thumbnail_width_px))
+        return self._encoder.thumbnail(view, core.thumbnail_width_px(width_px, self._settings.thumbnail_width_px))

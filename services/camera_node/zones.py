@@ -1,13 +1,13 @@
-"""Mask zones: stretches of a camera's pictures that nobody is ever shown, and the file that names them.
+"""Mask zones: areas of a camera's pictures that nobody is ever shown, and the YAML file that defines them.
 
     hall:                                  # a camera
-      all:                                 # each of its views ...
+      all:                                 # zones of each of its views
         - [[0, 0], [1, 0], [1, 0.1], [0, 0.1]]
-      3:                                   # ... or one of them
+      3:                                   # zones of one view
         - [[0.2, 0.5], [0.6, 0.5], [0.4, 0.9]]
 
-A zone is a polygon. Its corners (x, y) are shares of the picture's width and height, from the top left corner of its top left
-pixel. A file that says anything that can't be meant is refused whole: a camera that guessed would show what it must not.
+A zone is a polygon. Its corners (x, y) are fractions of the picture's width and height, measured from the top left corner of
+the top left pixel. A file with any mistake is rejected as a whole: a camera that guessed might show what it must not.
 """
 
 from __future__ import annotations
@@ -25,29 +25,30 @@ from numpy.typing import NDArray
 
 from surveilnav.errors import ConfigError
 
-#: Corners (x, y), each a share of the picture.
+#: Corners (x, y), as fractions of the picture's size.
 Polygon = tuple[tuple[float, float], ...]
+#: By view, its polygons.
 Zones = Mapping[int, Sequence[Polygon]]
 
 _ALL = "all"
-_MOST_BYTES, _MOST_ZONES, _MOST_CORNERS = 1 << 20, 100, 100
-_FLAT = 1e-9
-_SHIFT = 8  # bits below a pixel, for OpenCV
+_MAX_BYTES, _MAX_ZONES, _MAX_CORNERS = 1 << 20, 100, 100
+_MIN_AREA = 1e-9
+_SHIFT = 8  # fractional bits of the coordinates that OpenCV gets
 
 
 def read_zones(
     path: Path, camera: str, n_views: int, cameras: Collection[str] | None = None
 ) -> dict[int, list[Polygon]]:
-    """The zones of a camera by view; views without any are left out.
+    """The zones of a camera by view; views without zones are left out.
 
     Args:
         path: the file, YAML or JSON.
-        camera: whose zones are wanted; none are if the file doesn't name it.
-        n_views: how many views it has, numbered from 0.
-        cameras: all cameras that there are, if that is known: the file may name no other.
+        camera: name of the camera. The result is empty if the file doesn't mention it.
+        n_views: number of its views, which are numbered from 0.
+        cameras: names of all cameras of the building, if known. A file that mentions any other is rejected.
 
     Raises:
-        ConfigError: the file can't be read, or holds what can't be meant.
+        ConfigError: the file can't be read or contains a mistake; the message says where.
     """
     named = _table(_load(path), f"{path}", "cameras")
     if cameras is not None and (unknown := sorted(set(named) - set(cameras))):
@@ -63,10 +64,10 @@ def read_zones(
 
 
 def masked_pixels(polygons: Sequence[Polygon], width_px: int, height_px: int) -> NDArray[np.bool_]:
-    """(height, width): which pixels a zone touches, however little; a pixel more all around rather than one less."""
-    # With a rim: what is drawn outside the picture, by rounding at its edge, still grows into it.
+    """(height, width): the pixels that a zone touches, even slightly, and one more all around."""
+    # The mask has a rim of one pixel, so that parts that rounding moves outside the picture still grow back into it.
     mask = np.zeros((height_px + 2, width_px + 2), np.uint8)
-    for polygon in polygons:  # one by one: together, OpenCV would leave out where two overlap
+    for polygon in polygons:  # one by one: of several at once OpenCV leaves out the overlap
         # The centre of pixel 0 lies half a pixel inside the picture, behind the rim.
         corners = np.array(polygon) * (width_px, height_px) + 0.5
         cv2.fillPoly(mask, [np.round(corners * (1 << _SHIFT)).astype(np.int32)], 1, shift=_SHIFT)
@@ -77,7 +78,7 @@ def masked_pixels(polygons: Sequence[Polygon], width_px: int, height_px: int) ->
 
 
 class _Loader(yaml.SafeLoader):  # type: ignore[misc]
-    """YAML in which nothing is said twice: the second would silently take the place of the first."""
+    """YAML without duplicate keys: of two, PyYAML would silently drop the first."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         keys = [str(self.construct_object(key, deep=True)) for key, _ in node.value]
@@ -88,11 +89,9 @@ class _Loader(yaml.SafeLoader):  # type: ignore[misc]
 
 def _load(path: Path) -> Any:
     try:
-        if path.stat().st_size > _MOST_BYTES:
-            raise ConfigError(f"{path}: a file of mask zones has at most {_MOST_BYTES} bytes")
-        return yaml.load(
-            path.read_text(encoding="utf-8"), _Loader
-        )  # an empty file is no table: it may have been cut off
+        if path.stat().st_size > _MAX_BYTES:
+            raise ConfigError(f"{path}: a file of mask zones has at most {_MAX_BYTES} bytes")
+        return yaml.load(path.read_text(encoding="utf-8"), _Loader)
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"the mask zones of SURVEILNAV_CAMERA__MASKS can't be read: {error}") from error
     except (yaml.YAMLError, RecursionError, ValueError) as error:
@@ -100,6 +99,7 @@ def _load(path: Path) -> Any:
 
 
 def _table(value: Any, where: str, of: str) -> dict[str, Any]:
+    """``value``, which must be a mapping. An empty file isn't one: it may have been cut off."""
     if not isinstance(value, dict):
         raise ConfigError(f"{where}: expected a table of {of}, got {_shown(value)}")
     return {str(k): v for k, v in value.items()}
@@ -112,21 +112,21 @@ def _view(name: str, n_views: int, where: str) -> int:
 
 
 def _polygons(listed: Any, where: str) -> list[Polygon]:
-    if not isinstance(listed, list) or len(listed) > _MOST_ZONES:
-        raise ConfigError(f"{where}: expected a list of at most {_MOST_ZONES} zones, got {_shown(listed)}")
+    if not isinstance(listed, list) or len(listed) > _MAX_ZONES:
+        raise ConfigError(f"{where}: expected a list of at most {_MAX_ZONES} zones, got {_shown(listed)}")
     return [_polygon(zone, f"{where}, zone {i}") for i, zone in enumerate(listed, 1)]
 
 
 def _polygon(zone: Any, where: str) -> Polygon:
-    """A zone's corners. ConfigError: they make no polygon, or not one inside the picture."""
-    if not isinstance(zone, list) or not 3 <= len(zone) <= _MOST_CORNERS:
-        raise ConfigError(f"{where}: expected 3 to {_MOST_CORNERS} corners [x, y], got {_shown(zone)}")
+    """The corners of a zone. ConfigError: they don't form a simple polygon inside the picture."""
+    if not isinstance(zone, list) or not 3 <= len(zone) <= _MAX_CORNERS:
+        raise ConfigError(f"{where}: expected 3 to {_MAX_CORNERS} corners [x, y], got {_shown(zone)}")
     polygon = tuple(_corner(corner, where) for corner in zone)
-    if abs(_area(polygon)) < _FLAT:
+    if abs(_area(polygon)) < _MIN_AREA:
         raise ConfigError(f"{where}: its corners lie on one line, so that it covers nothing: move one of them aside")
     edges = [*pairwise(polygon), (polygon[-1], polygon[0])]
     for (i, a), (k, b) in combinations(enumerate(edges), 2):
-        if 1 < k - i < len(edges) - 1 and _cross(*a, *b):
+        if 1 < k - i < len(edges) - 1 and _segments_cross(*a, *b):
             raise ConfigError(
                 f"{where}: its sides {i + 1} and {k + 1} cross, so that its inside isn't clear: make it two zones"
             )
@@ -157,11 +157,11 @@ def _area(polygon: Polygon) -> float:
     return sum(a[0] * b[1] - b[0] * a[1] for a, b in [*pairwise(polygon), (polygon[-1], polygon[0])]) / 2
 
 
-def _cross(a: Point, b: Point, c: Point, d: Point) -> bool:
-    """Whether the segments a-b and c-d cross properly: each has its ends on two sides of the other."""
+def _segments_cross(a: Point, b: Point, c: Point, d: Point) -> bool:
+    """Whether the segments a-b and c-d cross properly: the ends of each lie on different sides of the other."""
 
     def side(p: Point, q: Point, r: Point) -> float:
-        """Which side of p-q r lies on, by its sign."""
+        """Its sign says on which side of the line p-q the point r lies."""
         return (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0])
 
     return side(a, b, c) * side(a, b, d) < 0 and side(c, d, a) * side(c, d, b) < 0

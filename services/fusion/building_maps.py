@@ -13,7 +13,7 @@ from surveilnav.services.fusion.core.snapshot import freeze, thaw
 from surveilnav.services.fusion.core.views.validation import ViewError
 from surveilnav.services.fusion.perceived import PerceivedView, ViewKey
 
-#: A copy of the maps and of what they have processed, as plain values.
+#: A copy of the maps and of what they have processed, as plain values (``BuildingMaps.freeze``).
 State = dict[str, Any]
 
 #: Faults that make it unknown on which floor a view was taken.
@@ -34,11 +34,11 @@ class Outcome:
     """What became of a view.
 
     Attributes:
-        floor: that it was integrated into, or refused on; "" if unknown.
+        floor: the floor that it was integrated into, or refused on; "" if unknown.
         integrated: whether the maps changed.
         fault: why it was refused; "" if it wasn't.
-        changes: what happened to objects.
-        n_missed: observations of the same robot that never came before this one.
+        changes: events of objects.
+        n_missed: number of observations of the same robot that are missing before this one.
     """
 
     floor: str = ""
@@ -49,13 +49,13 @@ class Outcome:
 
 
 class ProcessedViews:
-    """Which observations and views were processed: the maps hold them, or have refused them for good.
+    """Which observations and views were processed, that is, integrated or refused for good.
 
     Attributes:
-        robots: newest processed observation, by robot.
-        views: indices of the processed views, by camera; nobody needs to wait for them any more.
-        digests: of the cameras' pictures that the maps hold.
-        faults: why the newest picture of a view was refused.
+        robots: the newest processed observation of each robot.
+        views: indices of the processed views of each camera. Nobody needs to wait for these any more.
+        digests: hashes of the cameras' pictures that the maps hold.
+        faults: for views whose newest picture was refused, why it was.
     """
 
     def __init__(self) -> None:
@@ -65,7 +65,7 @@ class ProcessedViews:
         self.faults: dict[ViewKey, str] = {}
 
     def contains(self, key: ViewKey, digest: bytes) -> bool:
-        """Whether the maps hold this very picture of a camera. Safe from any thread."""
+        """Whether the maps hold exactly this picture of a camera. Safe from any thread."""
         return bool(digest) and key[0].startswith("camera/") and self.digests.get(key) == digest
 
     def views_of(self, camera: str) -> set[int]:
@@ -73,7 +73,7 @@ class ProcessedViews:
         return self.views.get(camera, set())
 
     def repeats_fault(self, perceived: PerceivedView) -> bool:
-        """Whether a camera's view has the fault that its previous picture had."""
+        """Whether a camera's view has the same fault as its previous picture."""
         key, fault = perceived.key, perceived.fault
         return bool(fault) and key[0].startswith("camera/") and self.faults.get(key) == _fault_message(perceived, fault)
 
@@ -104,7 +104,7 @@ class ProcessedViews:
 
     @classmethod
     def from_state(cls, state: State) -> ProcessedViews:
-        """What ``state`` describes."""
+        """The processed views that ``state`` describes."""
         processed = cls()
         processed.robots = {name: LastObservation(*fields) for name, fields in state["robots"].items()}
         processed.views = {name: set(views) for name, views in state["views"].items()}
@@ -118,9 +118,9 @@ class BuildingMaps:
 
     Attributes:
         joint: the joint maps. Whoever reads or changes them holds ``lock``.
-        processed: which views are in them.
-        number: of the newest view in them, in the log of views; 0 without a log.
-        epoch: changes whenever revisions of before mean nothing any more, as after a restart.
+        processed: which views they have processed.
+        number: number of the newest of these views in the log of views; 0 without a log.
+        epoch: changes when revisions start anew, as after a restart. Revisions of different epochs can't be compared.
     """
 
     def __init__(self, config: FusionConfig) -> None:
@@ -131,7 +131,7 @@ class BuildingMaps:
         self.lock = threading.Lock()
 
     def integrate(self, perceived: PerceivedView, number: int = 0) -> Outcome:
-        """Integrates a view, or refuses it, and records it as processed. ``number``: of the view in the log."""
+        """Integrates a view or refuses it, and records it as processed. ``number``: the view's number in the log."""
         with self.lock:
             self.number = number
             outcome = self._integrate(perceived)
@@ -155,12 +155,12 @@ class BuildingMaps:
         return Outcome(result.floor, True, "", result.changes, n_missed)
 
     def freeze(self) -> State:
-        """A copy of everything; the maps may change from then on. Safe from any thread."""
+        """A copy of everything. The maps may change afterwards. Safe from any thread."""
         with self.lock:
             return {"number": self.number, "maps": freeze(self.joint), "processed": self.processed.state()}
 
     def restore(self, state: State) -> None:
-        """Goes on from a copy. SnapshotError: these maps can't."""
+        """Replaces everything by a copy that ``freeze`` made. SnapshotError: it can't be restored."""
         joint = thaw(state["maps"], self.joint.config)
         processed = ProcessedViews.from_state(state["processed"])
         with self.lock:

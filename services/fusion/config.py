@@ -15,48 +15,71 @@ from surveilnav.services.fusion.core import FusionConfig
 
 
 class FusionSettings(BaseSettings):
-    """How the joint maps are made, and what they are made of."""
+    """Settings of the fusion service and of the joint maps."""
 
     model_config = SettingsConfigDict(env_prefix="SURVEILNAV_FUSION__", env_nested_delimiter="__", extra="ignore")
 
-    surveillance: bool = Field(default=True, description="false: no camera is ever invoked")
-    preset: Literal["default", "paper"] = Field(default="default", description="where the parts below start from")
-    map: dict[str, Any] = Field(default={}, description="what differs from the preset, see core.config.MapConfig")
+    surveillance: bool = Field(default=True, description="whether surveillance cameras are invoked at all")
+    preset: Literal["default", "paper"] = Field(
+        default="default", description="settings of the maps that the parts below start from"
+    )
+    map: dict[str, Any] = Field(default={}, description="settings that differ from the preset: core.config.MapConfig")
     value: dict[str, Any] = Field(default={}, description="... ValueConfig")
     objects: dict[str, Any] = Field(default={}, description="... ObjectConfig, by part")
     validation: dict[str, Any] = Field(default={}, description="... ValidationConfig")
     views: dict[str, Any] = Field(default={}, description="... ViewOrderConfig")
     store: str = Field(
-        default="", description="file that the maps survive in (SQLite); empty: they end with the process"
+        default="",
+        description="SQLite file that keeps the maps over a restart; empty: they are lost when the process ends",
     )
-    snapshot_views: int = Field(default=100, ge=1, description="views logged between two snapshots of the maps")
-    snapshot_mb: int = Field(default=256, ge=1, description="... or megabytes of them")
-    max_events: int = Field(default=1_000_000, ge=1, description="of objects, kept in the store; the oldest go first")
+    snapshot_views: int = Field(
+        default=100, ge=1, description="a snapshot of the maps is written after this many logged views"
+    )
+    snapshot_mb: int = Field(default=256, ge=1, description="... or this many megabytes of them")
+    max_events: int = Field(
+        default=1_000_000,
+        ge=1,
+        description="events of objects that are kept in the store; the oldest are dropped first",
+    )
     prompts: list[str] = Field(
         default=[],
-        description="words that detectors with an open vocabulary always look for, beside the missions' (JSON list)",
+        description="words that open-vocabulary detectors always look for, in addition to the missions' targets (JSON list)",
     )
     picture_cache_mb: int = Field(
-        default=256, ge=0, description="of cameras' newest pictures, looked at again when a mission brings a new word"
+        default=256,
+        ge=0,
+        description="size of the cache of cameras' newest pictures, which are perceived again when a mission brings a new word",
     )
     camera_views_per_step: int = Field(
-        default=2, ge=1, description="camera views integrated between two looks at robots"
+        default=2, ge=1, description="camera views that are integrated before robots' views get their turn again"
     )
     prefetch_cameras: int = Field(
         default=0,
         ge=0,
         le=64,
-        description="while nobody searches, so many cameras at once that no robot is near are looked "
-        "through once; 0: none are, and they send nothing",
+        description="while no mission is open, this many cameras at a time that no robot is near are invoked until each of "
+        "their views is in the maps; 0: none",
     )
-    linger_s: float = Field(default=10.0, ge=0, description="how long a camera stays invoked after the last robot left")
-    resend_after_s: float = Field(default=5.0, gt=0, description="a view that hasn't come by then is asked for again")
-    robot_timeout_s: float = Field(default=10.0, gt=0, description="a robot silent for so long activates no camera")
-    infer_timeout_s: float = Field(default=30.0, gt=0, description="a worker that takes longer is asked again")
-    retry_s: float = Field(default=0.5, gt=0, description="pause before perception is asked again")
+    linger_s: float = Field(
+        default=10.0, ge=0, description="how long a camera stays invoked after the last robot has left its floor"
+    )
+    resend_after_s: float = Field(
+        default=5.0, gt=0, description="a camera view that hasn't arrived by then is requested again"
+    )
+    robot_timeout_s: float = Field(
+        default=10.0, gt=0, description="a robot that has been silent for so long invokes no cameras"
+    )
+    infer_timeout_s: float = Field(
+        default=30.0, gt=0, description="time-out of a request to perception, after which it is sent again"
+    )
+    retry_s: float = Field(
+        default=0.5,
+        gt=0,
+        description="pause before a failed request to perception, or a failed write to the store, is tried again",
+    )
 
     def core(self) -> FusionConfig:
-        """The preset with what was set on top. ConfigError: a name or a number that can't be."""
+        """The preset with the settings that differ from it. ConfigError: an unknown name or invalid value."""
         changes = {part: getattr(self, part) for part in ("map", "value", "objects", "validation", "views")}
         try:
             return FusionConfig.preset(self.preset).changed(changes)

@@ -1,4 +1,4 @@
-"""A view on its way into the maps, with what perception found in it."""
+"""A view on its way into the maps, together with what perception found in it."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ ViewKey = tuple[str, int]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PerceivedView:
-    """A view that perception has answered about.
+    """A view and perception's answer about it.
 
     Attributes:
         key: source and index of the view.
         header: the frame's header, as it arrived.
-        view: the decoded view; None if its picture is faulty, or the one that the maps hold already.
-        perception: what was found in it; None where no detector looked.
+        view: the decoded view; None if its picture is faulty, or if the maps hold exactly this picture already.
+        perception: what was found in it; None if no detector looked at it.
         payload: the picture, as it arrived.
         reply: perception's reply, as it arrived.
         digest: hash of pose, picture, embedding model and the words that were looked for.

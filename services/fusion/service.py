@@ -1,4 +1,4 @@
-"""The fusion service: views in, joint maps out."""
+"""The fusion service: integrates perceived views into the joint maps, and announces and serves these."""
 
 from __future__ import annotations
 
@@ -39,10 +39,10 @@ class FusionService:
         self._serve()
 
     def _serve(self) -> None:
-        """Starts answering queries, on threads of the node's."""
-        reader = MapReader(self._maps, self._intake.texts, self._intake.places)
+        """Starts to answer queries, on threads of the node."""
+        reader = MapReader(self._maps, self._intake.texts, self._intake.positions)
         objects, log = ObjectAnswers(reader, self._log), LogAnswers(self._maps, self._log)
-        # a value layer may wait for perception: the others must not wait with it
+        # a query for a value layer may wait for perception; others mustn't wait for it
         self._node.serve(FLOOR_MAPS, FloorMapsAnswers(reader, self._revisions).floor_maps, workers=3)
         self._node.serve(MAP_LAYER, LayerAnswers(self._node, reader).layer, workers=3)
         self._node.serve(OBJECTS, objects.objects)
@@ -56,7 +56,7 @@ class FusionService:
         """One turn of the main loop; True if there was something to do."""
         # invoke cameras (eq. 1), receive the newest frame of everybody, ask perception about each
         arrived = self._intake.poll()
-        # log what perception has finished, and integrate it; views that wait for the disk are followed by no others
+        # log what perception has finished, and integrate it; while views wait for the disk, no others are taken
         perceived = [] if self._log.is_blocked else self._intake.pop_perceived()
         self._log.integrate(perceived)
         # announce what the maps now hold

@@ -1,9 +1,11 @@
-"""Perception on request: a small server of detectors, masks and embeddings, with Triton's semantics over Zenoh.
+"""Perception on request: a small inference server for detections, masks and embeddings, with NVIDIA Triton's semantics.
 
-service         answers queries; the backends themselves are in ``surveilnav.perception``
-views           the way of one view: checked, remembered or let in, answered
-line            the stages, each on threads of its own, in batches
-embedding       the last stage and the embeddings of texts, which take turns
-truth_channel   instance ids for the two backends that a simulator tells the truth
-core/           who waits, who goes first, who is turned away, what is kept
+service          answers queries on the bus; the backends themselves are in ``surveilnav.perception``
+inference        handles requests about views: checks, cache, admission, reply
+pending_request  one such request while it is processed
+stage_pipeline   runs the backend's stages, each on threads of its own, in batches
+embedding        the last stage and text embeddings, which share the backend
+reply_cache      replies to earlier requests, in memory and on disk
+truth_channel    instance ids for the two backends that a simulator tells the truth
+core/            the decisions: queueing, checks, cache keys, the probe picture
 """

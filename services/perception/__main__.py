@@ -16,7 +16,7 @@ from surveilnav.simulator.truth.choose import choose_backend
 
 
 def main() -> None:
-    """One perception worker, until SIGTERM. PerceptionError: its backend doesn't answer a probe picture rightly."""
+    """Runs one perception worker until SIGTERM. Raises PerceptionError if its backend fails the probe."""
     settings, bus = PerceptionSettings(), BusSettings()
     backend = choose_backend(
         settings.backend,
@@ -38,19 +38,20 @@ def main() -> None:
     with Node("perception", settings.worker, bus) as node:
         service = PerceptionService(node, backend, settings)
         node.ready = lambda: service.ready
-        failed: list[PerceptionError] = []
+        errors: list[PerceptionError] = []
 
         def warm_up() -> None:
             try:
                 service.warm_up()
             except PerceptionError as error:
-                failed.append(error)
+                errors.append(error)
                 node.stop()
 
-        threading.Thread(target=warm_up, name="warm-up", daemon=True).start()  # meanwhile it says that it isn't ready
+        # On a thread of its own: meanwhile the node answers queries with "not_ready".
+        threading.Thread(target=warm_up, name="warm-up", daemon=True).start()
         node.run(service.step, idle_s=0.2)
-    if failed:
-        raise failed[0]
+    if errors:
+        raise errors[0]
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ from surveilnav.perception.presets import DEFAULT_DETECTORS, DEFAULT_LARGE_DETEC
 
 
 class PerceptionSettings(BaseSettings):
-    """Which backend runs, and how much waits in front of it."""
+    """Which backend a worker runs, and how many requests it accepts."""
 
     model_config = SettingsConfigDict(env_prefix="SURVEILNAV_PERCEPTION__", extra="ignore", env_ignore_empty=True)
 
@@ -36,23 +36,30 @@ class PerceptionSettings(BaseSettings):
     )
     threads: int = Field(default=1, ge=1, le=64, description="threads of each network")
     simulated: bool = Field(
-        default=False, description="whether the building is: auto may then take what learnt from rendered homes"
+        default=False,
+        description="whether the building is simulated: auto may then choose a network trained on rendered homes",
     )
     seed: int = Field(default=0, description="of the backend simulated")
     download: bool = Field(default=True, description="whether missing weights of up to 100 MB may be downloaded")
-    capacity: int = Field(default=16, ge=1, description="views that may be under way; more are refused")
+    capacity: int = Field(
+        default=16, ge=1, description="views that may be queued or processed at a time; more are refused"
+    )
     max_batch: int | None = Field(
         default=None,
         ge=1,
         le=256,
-        description="views that a stage takes at once, if they wait; not set: as suits the backend",
+        description="views that a stage processes as one batch, if so many wait; not set: as suits the backend",
     )
     decoders: int = Field(default=2, ge=1, le=64, description="threads that decode pictures")
-    cache_mb: int = Field(default=32, ge=0, description="memory for answers given before; 0: none are kept")
-    kept_mb: int = Field(
+    cache_mb: int = Field(default=32, ge=0, description="memory for replies to earlier requests; 0: none are cached")
+    disk_cache_mb: int = Field(
         default=1000,
         ge=0,
-        description="disk for answers to camera views of a simulated building, which show the same in every run; 0: none",
+        description="disk space for replies about camera views of a simulated building, which are the same in every run; 0: none",
     )
-    truth_wait_s: float = Field(default=2.0, ge=0, description="oracle, simulated: how long to wait for instance ids")
-    truth_kept: int = Field(default=256, ge=1, description="oracle and simulated: views whose instance ids are kept")
+    truth_wait_s: float = Field(
+        default=2.0, ge=0, description="oracle and simulated: how long a request waits for instance ids"
+    )
+    truth_capacity: int = Field(
+        default=256, ge=1, description="oracle and simulated: newest views whose instance ids are stored"
+    )

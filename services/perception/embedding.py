@@ -1,4 +1,7 @@
-"""A backend's last stage and its embeddings of texts, which take turns: one instance serves one thread at a time."""
+"""A backend's last stage, which embeds views, and its embeddings of texts.
+
+The two take turns, because a backend serves one thread at a time.
+"""
 
 from __future__ import annotations
 
@@ -10,79 +13,81 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surveilnav.errors import TargetError
-from surveilnav.perception.backend import Backend, Work
-from surveilnav.perception.prompts import word_refused
-from surveilnav.services.perception.asked import Asked
+from surveilnav.perception.backend import Backend, ViewTask
+from surveilnav.perception.prompts import prompt_refusal
 from surveilnav.services.perception.core import probe
 from surveilnav.services.perception.core.cache import ByteCache, text_key
+from surveilnav.services.perception.pending_request import PendingRequest
 
 _CACHE_BYTES = 16 << 20
 
 
-class Embedding:
-    """Embeds views in batches and texts one by one; texts embedded before are remembered."""
+class EmbeddingStage:
+    """Embeds batches of views, and texts. Embeddings of texts are cached."""
 
     def __init__(self, backend: Backend) -> None:
         self._backend = backend
-        self._one_at_a_time, self._lock = threading.RLock(), threading.Lock()
-        self._texts: ByteCache[NDArray[np.float32]] = ByteCache(_CACHE_BYTES)
+        #: Held while the backend's last stage runs or texts are embedded.
+        self._backend_lock = threading.RLock()
+        self._cache: ByteCache[NDArray[np.float32]] = ByteCache(_CACHE_BYTES)
+        self._cache_lock = threading.Lock()
 
-    def last_stage(self, batch: Sequence[Asked], works: Sequence[Work]) -> None:
-        """Runs the last stage, and leaves the vectors of each view's prompts beside it."""
-        with self._one_at_a_time:
-            self._backend.stages[-1].run(works)
-            vectors = self.known({prompt for asked in batch for prompt in asked.request.prompts})
-        for asked in batch:
-            asked.vectors = {prompt: vectors[prompt] for prompt in asked.request.prompts if prompt in vectors}
+    def run(self, batch: Sequence[PendingRequest], tasks: Sequence[ViewTask]) -> None:
+        """Runs the backend's last stage and embeds the prompts of the requests."""
+        with self._backend_lock:
+            self._backend.stages[-1].run(tasks)
+            embeddings = self.embed_known({prompt for pending in batch for prompt in pending.request.prompts})
+        for pending in batch:
+            pending.prompt_embeddings = {p: embeddings[p] for p in pending.request.prompts if p in embeddings}
 
-    def texts(self, texts: Sequence[str]) -> list[NDArray[np.float32]]:
+    def embed_texts(self, texts: Sequence[str]) -> list[NDArray[np.float32]]:
         """Unit vectors (D,) of texts, in their order.
 
         Raises:
-            TargetError: one that the space has no place for, or that names a target which can't be looked for.
+            TargetError: the backend can't embed a text, or a text names a target that it can't look for.
         """
-        if refused := next(filter(None, (word_refused(self._backend, text) for text in texts)), ""):
+        if refused := next(filter(None, (prompt_refusal(self._backend, text) for text in texts)), ""):
             raise TargetError(refused)
-        known, new = self._remembered(texts)
-        if new:
-            with self._one_at_a_time:
-                known |= self._embedded(new)
-        return [known[text] for text in texts]
+        embeddings, missing = self._from_cache(texts)
+        if missing:
+            with self._backend_lock:
+                embeddings |= self._embed(missing)
+        return [embeddings[text] for text in texts]
 
-    def problem(self, texts: Sequence[str]) -> str:
-        """What is wrong with the embeddings of texts; empty: nothing. A text without a place is none."""
-        vectors = self.known(texts)
-        return probe.text_problem(list(vectors.values()), self._backend.embedding_dim)
-
-    def knows(self, texts: Iterable[str]) -> bool:
-        """Whether none of the texts needs the backend."""
-        return not self._remembered(texts)[1]
-
-    def known(self, texts: Iterable[str]) -> dict[str, NDArray[np.float32]]:
-        """By text, its vector; texts that the space has no place for are left out."""
-        known, new = self._remembered(texts)
-        if not new:
-            return known
-        with self._one_at_a_time:
+    def embed_known(self, texts: Iterable[str]) -> dict[str, NDArray[np.float32]]:
+        """By text, its unit vector (D,). Texts that the backend can't embed are left out."""
+        embeddings, missing = self._from_cache(texts)
+        if not missing:
+            return embeddings
+        with self._backend_lock:
             with suppress(TargetError):
-                return known | self._embedded(new)
-            for text in new:
+                return embeddings | self._embed(missing)
+            for text in missing:
                 with suppress(TargetError):
-                    known |= self._embedded([text])
-        return known
+                    embeddings |= self._embed([text])
+        return embeddings
 
-    def _embedded(self, texts: Sequence[str]) -> dict[str, NDArray[np.float32]]:
-        """By text, its vector, all in one batch. TargetError: one that the space has no place for."""
+    def are_cached(self, texts: Iterable[str]) -> bool:
+        """Whether all texts can be embedded without the backend."""
+        return not self._from_cache(texts)[1]
+
+    def find_problem(self, texts: Sequence[str]) -> str:
+        """What is malformed in the embeddings of texts; empty if nothing is. Texts that can't be embedded are ignored."""
+        return probe.find_text_problem(list(self.embed_known(texts).values()), self._backend.embedding_dim)
+
+    def _embed(self, texts: Sequence[str]) -> dict[str, NDArray[np.float32]]:
+        """Embeds and caches texts as one batch. Raises TargetError if one of them can't be embedded."""
         rows = self._backend.embed_texts(texts) if texts else ()
-        vectors = {text: row.copy() for text, row in zip(texts, rows, strict=True)}  # a view would keep the whole batch
-        with self._lock:
-            for text, vector in vectors.items():
-                self._texts.put(text_key(text), vector, vector.nbytes)
-        return vectors
+        # Copies: a row of the batch's array would keep the whole array in memory.
+        embeddings = {text: row.copy() for text, row in zip(texts, rows, strict=True)}
+        with self._cache_lock:
+            for text, embedding in embeddings.items():
+                self._cache.put(text_key(text), embedding, embedding.nbytes)
+        return embeddings
 
-    def _remembered(self, texts: Iterable[str]) -> tuple[dict[str, NDArray[np.float32]], list[str]]:
-        """By text, the vectors that are kept; and the texts that have none, each once."""
-        with self._lock:
-            found = {text: self._texts.get(text_key(text)) for text in texts}
-        known = {text: vector for text, vector in found.items() if vector is not None}
-        return known, [text for text in found if text not in known]
+    def _from_cache(self, texts: Iterable[str]) -> tuple[dict[str, NDArray[np.float32]], list[str]]:
+        """The cached embeddings by text, and the texts without one, each once."""
+        with self._cache_lock:
+            cached = {text: self._cache.get(text_key(text)) for text in texts}
+        embeddings = {text: vector for text, vector in cached.items() if vector is not None}
+        return embeddings, [text for text in cached if text not in embeddings]

@@ -1,4 +1,4 @@
-"""The channel that only ``oracle`` and ``simulated`` have: instance ids of views, put by simulator nodes."""
+"""Instance ids of views, which simulator nodes publish for the backends ``oracle`` and ``simulated`` alone."""
 
 from __future__ import annotations
 
@@ -15,47 +15,53 @@ from surveilnav.sensing.truth import truth_from_wire
 from surveilnav.sensing.views import TrueInstances
 from surveilnav.services.perception.config import PerceptionSettings
 
-_Key = tuple[str, int, int]
-#: Gives the instance ids of a view; WireError: they don't decode.
-Told = Callable[[], TrueInstances]
-#: Is handed them, or why there are none.
-Then = Callable[[Told | Refused], None]
+_ViewKey = tuple[str, int, int]
+#: Decodes the instance ids of a view; raises WireError if that fails.
+TruthLoader = Callable[[], TrueInstances]
+#: Called with the instance ids, or with the reason why there are none.
+OnTruth = Callable[[TruthLoader | Refused], None]
 
 
 class TruthChannel:
-    """Keeps the newest views' instance ids, still packed, and hands them out by (source, view, seq).
+    """Stores the newest views' instance ids, still packed, and hands them out by (source, view, seq).
 
-    Nobody waits on a thread for them: who asks is called back.
+    Picture and instance ids of a view arrive in any order. A request for ids that haven't arrived is called back later, so
+    that it blocks no thread.
     """
 
     def __init__(self, node: Node, backend: str, settings: PerceptionSettings) -> None:
-        """``backend``: the name of the one that is told."""
-        self._backend, self._kept, self._wait_s = backend, settings.truth_kept, settings.truth_wait_s
-        self._packed: OrderedDict[_Key, Told] = OrderedDict()
-        self._asked: dict[_Key, list[tuple[float, Then]]] = {}
+        """``backend``: name of the backend, for error messages."""
+        self._backend, self._capacity, self._wait_s = backend, settings.truth_capacity, settings.truth_wait_s
+        self._loaders: OrderedDict[_ViewKey, TruthLoader] = OrderedDict()
+        #: By view, the time until which each callback waits, and the callback.
+        self._waiting: dict[_ViewKey, list[tuple[float, OnTruth]]] = {}
         self._lock = threading.Lock()
-        self._subscription = node.subscribe(TRUTH, self._keep)
+        self._subscription = node.subscribe(TRUTH, self._on_truth)
 
-    def ask(self, key: _Key, then: Then) -> None:
-        """Calls ``then`` with a view's instance ids when they are there, now or later, or with a refusal when they don't
-        come in time."""
+    def request(self, key: _ViewKey, callback: OnTruth) -> None:
+        """Calls ``callback`` with a view's instance ids, now or when they arrive, or with a refusal if they don't in time."""
         with self._lock:
-            told = self._packed.get(key)
-            if told is None:
-                self._asked.setdefault(key, []).append((time.monotonic() + self._wait_s, then))
-        if told is not None:
-            then(told)
+            loader = self._loaders.get(key)
+            if loader is None:
+                self._waiting.setdefault(key, []).append((time.monotonic() + self._wait_s, callback))
+        if loader is not None:
+            callback(loader)
 
     def expire(self, now_s: float) -> None:
-        """Refuses those whose time is over; ``now_s`` is the monotonic clock's."""
+        """Refuses the requests that have waited too long. ``now_s``: time of the monotonic clock."""
         with self._lock:
-            late = [(key, then) for key, asked in self._asked.items() for until_s, then in asked if until_s <= now_s]
+            late = [
+                (key, callback)
+                for key, waiting in self._waiting.items()
+                for until_s, callback in waiting
+                if until_s <= now_s
+            ]
             for key in {key for key, _ in late}:
-                self._asked[key] = [(until_s, then) for until_s, then in self._asked[key] if until_s > now_s]
-                if not self._asked[key]:
-                    del self._asked[key]
-        for (source, view, seq), then in late:
-            then(
+                self._waiting[key] = [entry for entry in self._waiting[key] if entry[0] > now_s]
+                if not self._waiting[key]:
+                    del self._waiting[key]
+        for (source, view, seq), callback in late:
+            callback(
                 Refused(
                     "no_truth",
                     f"no instance ids of {source} view {view} seq {seq} arrived: "
@@ -63,13 +69,13 @@ class TruthChannel:
                 )
             )
 
-    def _keep(self, received: Received[Truth]) -> None:
+    def _on_truth(self, received: Received[Truth]) -> None:
         truth = received.message
-        key, told = (truth.source, truth.view, truth.seq), partial(truth_from_wire, truth, received.payload)
+        key, loader = (truth.source, truth.view, truth.seq), partial(truth_from_wire, truth, received.payload)
         with self._lock:
-            self._packed[key] = told
-            while len(self._packed) > self._kept:
-                self._packed.popitem(last=False)
-            asked = self._asked.pop(key, [])
-        for _, then in asked:
-            then(told)
+            self._loaders[key] = loader
+            while len(self._loaders) > self._capacity:
+                self._loaders.popitem(last=False)
+            waiting = self._waiting.pop(key, [])
+        for _, callback in waiting:
+            callback(loader)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 
 from surveilnav.bus import BusSettings, Node
-from surveilnav.bus.main import run_service, warm
+from surveilnav.bus.main import run_service, run_warm_up
 from surveilnav.services.planner.config import PlannerSettings
 from surveilnav.services.planner.core.warm_up import warm_up
 from surveilnav.services.planner.service import PlannerService
@@ -13,7 +13,7 @@ from surveilnav.services.planner.service import PlannerService
 
 def main() -> None:
     settings = PlannerSettings()
-    warm(lambda: warm_up(settings.core))  # the planner is there when it can work
+    run_warm_up(lambda: warm_up(settings.core))  # the planner is there when it can work
     with Node("planner", "planner", BusSettings()) as node:
         node.run(PlannerService(node, settings).step, idle_s=0.2)
 

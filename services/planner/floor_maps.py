@@ -9,7 +9,7 @@ from surveilnav.contract import FLOOR_MAPS
 from surveilnav.errors import WireError
 from surveilnav.messages import FloorMapsHeader, ObjectRecord, Revision
 from surveilnav.sensing.layers import GRID_LAYERS, unpack_parts
-from surveilnav.services.planner.core import MapView
+from surveilnav.services.planner.core import FloorMaps
 
 
 class FloorMapsClient:
@@ -22,7 +22,7 @@ class FloorMapsClient:
         self._layers: dict[str, NDArray] = {}
         self._objects: dict[int, ObjectRecord] = {}
 
-    def maps_at(self, revision: Revision, robot: str) -> MapView:
+    def maps_at(self, revision: Revision, robot: str) -> FloorMaps:
         """The maps of a revision's floor as they are now: that revision or a later one, with the same newest observation of
         the robot in them.
 
@@ -46,7 +46,7 @@ class FloorMapsClient:
                 f"expected maps with observation {revision.robots.get(robot)} of robot {robot}, got those with "
                 f"{header.robots.get(robot)}"
             )
-        return MapView(
+        return FloorMaps(
             floor=revision.floor,
             floor_z_m=revision.floor_z_m,
             grid=header.grid,

@@ -14,7 +14,7 @@ from surveilnav.errors import WireError
 from surveilnav.messages import Command, CommandReply, Revision, RobotStatus, Stair
 from surveilnav.messages.robot import ActionName
 from surveilnav.services.planner.config import PlannerSettings
-from surveilnav.services.planner.core import MapView
+from surveilnav.services.planner.core import FloorMaps
 from surveilnav.services.planner.floor_maps import FloorMapsClient
 
 _POLL_S = 0.004
@@ -74,7 +74,7 @@ class MissionBus:
             self.node.reject("stairs", f"robot {self.robot} speaks of {dropped} that can't be, or of too many")
         return kept
 
-    def maps_with(self, seq: int) -> MapView:
+    def maps_with(self, seq: int) -> FloorMaps:
         """The maps of the robot's floor, as soon as they contain its observation ``seq``. Nothing waits for cameras' views.
 
         Raises:

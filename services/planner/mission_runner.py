@@ -13,7 +13,7 @@ from surveilnav.bus import Node, Publisher, Refused, Table, clock_ns
 from surveilnav.contract import MISSION_PLAN, MISSION_STATUS
 from surveilnav.messages import FINISHED_STATES, MissionGoal, MissionStatus, Plan, Revision, RobotStatus
 from surveilnav.services.planner.config import PlannerSettings
-from surveilnav.services.planner.core import Decision, MapView, MissionState, RobotView, step
+from surveilnav.services.planner.core import Decision, FloorMaps, MissionState, RobotView, step
 from surveilnav.services.planner.floor_maps import FloorMapsClient
 from surveilnav.services.planner.mission_bus import MissionBus, MissionCancelledError, MissionFailedError
 from surveilnav.services.planner.pausing import Pause, PausedError
@@ -277,7 +277,7 @@ class MissionRunner:
             self._pause.wait(_PAUSE_CHECK_S)
         self._publish_status(state="active", phase="waiting", message="going on")
 
-    def _decide(self, status: RobotStatus, maps: MapView) -> PendingAction:
+    def _decide(self, status: RobotStatus, maps: FloorMaps) -> PendingAction:
         """Decides on the next action, and writes it to the store before the robot hears of it."""
         robot = self._robot_view(status)
         self._state, decision = step(
@@ -435,7 +435,7 @@ class MissionRunner:
             summary_bytes_by_floor=self._summaries.received_bytes(),
         )
 
-    def _plan(self, decision: Decision, status: RobotStatus, maps: MapView) -> Plan:
+    def _plan(self, decision: Decision, status: RobotStatus, maps: FloorMaps) -> Plan:
         return Plan(
             stamp_ns=clock_ns(),
             mission=self.id,

@@ -9,7 +9,7 @@ from surveilnav.contract import PERCEPTION_LOAD, PERCEPTION_TEXT
 from surveilnav.errors import BusError, MissionError, TargetError
 from surveilnav.messages import InferRequest, TextReply
 from surveilnav.perception.prompts import value_prompt
-from surveilnav.words import checked_word
+from surveilnav.words import validate_word
 
 _MAX_WORKERS, _TIMEOUT_S = 3, 1.0
 #: Workers that are still warming up are asked again for this long; whoever sent the goal waits for five seconds.
@@ -25,7 +25,7 @@ def resolve_target(node: Node, name: str) -> str:
         MissionError: it isn't a valid phrase, or none of the workers that answer knows it.
     """
     try:
-        word = checked_word(name)
+        word = validate_word(name)
     except TargetError as error:
         raise MissionError("bad_target", str(error)) from error
     refusal, until_s = "", time.monotonic() + _WARM_UP_S
@@ -57,7 +57,7 @@ def _ask_worker(node: Node, worker: str, word: str, until_s: float) -> TextReply
 def _own_name(reply: TextReply, word: str) -> str:
     """The worker's own name for a target; the word itself if the worker takes any word or its answer isn't a valid one."""
     try:
-        return checked_word(reply.words[0]) if len(reply.words) == 1 and reply.words[0] else word
+        return validate_word(reply.words[0]) if len(reply.words) == 1 and reply.words[0] else word
     except TargetError:
         return word
 

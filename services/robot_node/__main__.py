@@ -6,18 +6,18 @@ import sys
 
 from surveilnav.bus import Node
 from surveilnav.bus.main import run_service
-from surveilnav.services.robot_node.bodies.simulated import SimulatedJudge, simulated_body
+from surveilnav.services.robot_node.bodies.simulated import SimulatedJudge, open_simulated_body
 from surveilnav.services.robot_node.config import RobotSettings
 from surveilnav.services.robot_node.service import RobotService
 from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings
 
 
 def main() -> None:
-    """One simulated robot, until SIGTERM."""
+    """Runs one simulated robot until SIGTERM."""
     settings = RobotSettings()
     building = SimulatedBuilding(SimulationSettings())
-    body = simulated_body(building, settings)
-    _ = building.renderer  # loaded before anybody waits for a picture
+    body = open_simulated_body(building, settings)
+    _ = building.renderer  # loads it now: the first observation then doesn't wait for it
     with Node("robot", settings.id) as node:
         node.run(RobotService(node, body, settings, SimulatedJudge(building)).step)
 

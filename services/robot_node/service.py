@@ -1,4 +1,4 @@
-"""The robot node: commands in, a body that carries them out, observations out."""
+"""The robot node: takes commands, has the body carry them out, publishes observations and status."""
 
 from __future__ import annotations
 
@@ -12,113 +12,125 @@ from surveilnav.sensing.truth import truth_to_wire
 from surveilnav.services.robot_node import core
 from surveilnav.services.robot_node.bodies.body import Body
 from surveilnav.services.robot_node.config import RobotSettings
-from surveilnav.services.robot_node.halting import Halting
-from surveilnav.services.robot_node.observation import Encoded, encode
-from surveilnav.services.robot_node.verdicts import Judge, Verdicts
+from surveilnav.services.robot_node.halt_switch import HaltSwitch
+from surveilnav.services.robot_node.observation import EncodedObservation, encode
+from surveilnav.services.robot_node.verdicts import Judge, StopJudge
 
-#: An observation that nobody follows up is put again, ever more seldom: the router may have lost it.
-_REPEAT_S = (1.0, 2.0, 4.0, 8.0)
-_HALT_AGAIN_S = 0.05
+#: An observation that no command follows is published again after these pauses [s]: a full link may have dropped it.
+_REPEAT_AFTER_S = (1.0, 2.0, 4.0, 8.0)
+_STATUS_PERIOD_S = 1.0
+_HALT_RETRY_S = 0.05
 
 
 class RobotService:
-    """Has its body carry out one command at a time and publishes what it sees then."""
+    """Carries out one command at a time with its body, and publishes what the robot observes afterwards."""
 
     def __init__(self, node: Node, body: Body, settings: RobotSettings, judge: Judge | None = None) -> None:
         self._node, self._body, self._settings = node, body, settings
-        self._lock = threading.Lock()
+        #: Held while a command is carried out.
+        self._acting = threading.Lock()
         self._unpublished = True
+        self._latest: EncodedObservation | None = None
         self._repeats = 0
-        self._deadline_s: float | None = None
         self._published_s = self._status_s = 0.0
-        self._message = ""
-        self._halting = Halting(settings.store)
-        self._latest: Encoded | None = None
-        self._verdicts = Verdicts(node, settings.id, judge)
-        self._observation = node.publisher(ROBOT_OBSERVATION, robot=settings.id)
-        self._status = node.publisher(ROBOT_STATUS, robot=settings.id)
-        self._truth = node.publisher(TRUTH, source=f"robot-{settings.id}", view=0)
+        self._deadline_s: float | None = None
+        self._problem = ""
+        self._halt_switch = HaltSwitch(settings.store)
+        self._stop_judge = StopJudge(node, settings.id, judge) if judge is not None else None
+        self._observations = node.publisher(ROBOT_OBSERVATION, robot=settings.id)
+        self._statuses = node.publisher(ROBOT_STATUS, robot=settings.id)
+        self._truths = node.publisher(TRUTH, source=f"robot-{settings.id}", view=0)
         node.serve(ROBOT_COMMAND, self._on_command, robot=settings.id)
         node.serve(ROBOT_HALT, self._on_halt, robot=settings.id)
-        node.serve(ROBOT_STATUS, lambda _: Answer(self._status_message()), robot=settings.id)
+        node.serve(ROBOT_STATUS, lambda _: Answer(self._status()), robot=settings.id)
 
     def _on_command(self, request: Request) -> Answer:
+        """Carries out a command, unless it was decided on another observation, the robot is halted, or can't do it."""
         command, body = request.message, self._body
-        with self._lock:
+        with self._acting:
             seq = body.state.seq
             if command.seq_expected != seq:
-                why = f"expected sequence number {seq}, got {command.seq_expected}"
-                return Answer(CommandReply(stamp_ns=clock_ns(), accepted=False, seq=seq, error=why))
-            if reason := self._halting.now.refusal(command.action):
+                error = f"expected sequence number {seq}, got {command.seq_expected}"
+                return Answer(CommandReply(stamp_ns=clock_ns(), accepted=False, seq=seq, error=error))
+            if reason := self._halt_switch.state.refusal(command.action):
                 raise Refused("halted", reason)
             if reason := body.refusal(command.action, command.to_floor):
                 raise Refused("bad_command", reason)
             if command.mission != body.state.mission:
                 body.begin_mission(command.mission)
             body.act(command.action, command.to_floor)
-            self._unpublished, self._repeats, self._message = True, 0, ""
+            self._unpublished, self._repeats, self._problem = True, 0, ""
             self._deadline_s = None if body.state.stopped else time.monotonic() + command.deadline_ms / 1000
             self._node.wake.set()
-            self._verdicts.acted(body.state)
+            if self._stop_judge is not None:
+                self._stop_judge.judge_stop(body.state)
             return Answer(CommandReply(stamp_ns=clock_ns(), accepted=True, seq=body.state.seq))
 
     def _on_halt(self, request: Request) -> Answer:
-        """Has the body end the command that it carries out; the answer says that it did."""
+        """Halts or releases the robot. When the answer to a halt goes out, the command in progress has ended."""
         halt = request.message
-        self._halting.set(halt.halted, halt.reason)
+        self._halt_switch.set(halt.halted, halt.reason)
         if halt.halted:
             self._body.halt()
-            while not self._lock.acquire(timeout=_HALT_AGAIN_S):  # a command may have slipped in just before
+            # A command that passed the check just before may begin to move the robot only now: halt it, too.
+            while not self._acting.acquire(timeout=_HALT_RETRY_S):
                 self._body.halt()
-            self._lock.release()
+            self._acting.release()
         self._node.log.warning("halted" if halt.halted else "released", reason=halt.reason)
-        self._status_s = 0.0  # tell at once
+        self._status_s = 0.0  # publish the status at once
         self._node.wake.set()
         return Answer(HaltReply(stamp_ns=clock_ns(), robot=self._settings.id, halted=halt.halted))
 
     def step(self) -> bool:
-        """One turn of the loop; True if there was something to do."""
+        """One turn of the loop: publishes what is due. True if a new observation was published."""
         now_s = time.monotonic()
-        with self._lock:
-            fresh, self._unpublished = self._unpublished, False
-            self._hold_if_late(now_s)
-        if now_s - self._status_s >= 1.0 or fresh:
+        with self._acting:
+            is_new, self._unpublished = self._unpublished, False
+            self._check_deadline(now_s)
+        if is_new or now_s - self._status_s >= _STATUS_PERIOD_S:
             self._status_s = now_s
-            self._status.put(self._status_message())
-        if fresh:
+            self._statuses.put(self._status())
+        if is_new:
             self._latest = encode(self._body.observe(), self._settings.id, self._settings.jpeg_quality)
-            self._put(self._latest, now_s)
+            self._publish(self._latest, now_s)
             return True
-        wait_s = _REPEAT_S[min(self._repeats, len(_REPEAT_S) - 1)]
-        if self._latest and now_s - self._published_s >= wait_s and self._observation.matched:
+        pause_s = _REPEAT_AFTER_S[min(self._repeats, len(_REPEAT_AFTER_S) - 1)]
+        if self._latest and now_s - self._published_s >= pause_s and self._observations.matched:
             self._repeats += 1
-            self._put(self._latest, now_s)
+            self._publish(self._latest, now_s)
         return False
 
-    def _hold_if_late(self, now_s: float) -> None:
-        """Without a command before the deadline the robot counts as stopped, and says so at once."""
+    def _check_deadline(self, now_s: float) -> None:
+        """Reports the robot as stopped, at once, if the deadline for the next command has passed."""
         if self._deadline_s is not None and now_s > self._deadline_s:
-            self._deadline_s, self._message = None, "stopped: no command came before the deadline"
+            self._deadline_s, self._problem = None, "stopped: no command came before the deadline"
             self._node.log.warning("no command before the deadline: holding still", seq=self._body.state.seq)
             self._status_s = 0.0
 
-    def _put(self, latest: Encoded, now_s: float) -> None:
+    def _publish(self, encoded: EncodedObservation, now_s: float) -> None:
         self._published_s = now_s
-        seen = latest.observation
-        if latest.truth is not None and self._truth.matched:  # only the backends oracle and simulated ever listen
-            truth = truth_to_wire(latest.truth, source=seen.source, view=seen.view, seq=seen.seq, stamp_ns=clock_ns())
-            self._truth.put(*truth)
-        self._observation.put(seen, latest.payload)
+        message = encoded.message
+        if encoded.truth is not None and self._truths.matched:  # only the backends oracle and simulated ever listen
+            self._truths.put(
+                *truth_to_wire(
+                    encoded.truth, source=message.source, view=message.view, seq=message.seq, stamp_ns=clock_ns()
+                )
+            )
+        self._observations.put(message, encoded.payload)
 
-    def _status_message(self) -> RobotStatus:
-        state = self._body.state  # once: a mission and its way begin together
-        late, awaiting = bool(self._message), self._deadline_s is not None
-        kind = core.state_name(state, self._halting.now, late=late, awaiting=awaiting)
-        return core.status_of(
+    def _status(self) -> RobotStatus:
+        state = self._body.state  # read once: mission and path must belong together
+        halt = self._halt_switch.state
+        return core.status_message(
             state,
             robot=self._settings.id,
-            kind=kind,
-            message=self._halting.now.refusal("move") or self._message,
+            state_name=core.reported_state(
+                state,
+                halt,
+                deadline_missed=bool(self._problem),
+                awaiting_command=self._deadline_s is not None,
+            ),
+            message=halt.refusal("move") or self._problem,
             stairs=self._body.stairs,
             notes=self._body.notes,
             stamp_ns=clock_ns(),

@@ -1,4 +1,4 @@
-"""What a simulator says of a stop: whether the robot stood where it should. A real robot has nobody to say so."""
+"""Simulation only: judges whether a robot that called ``stop`` found its target, and publishes the verdict."""
 
 from __future__ import annotations
 
@@ -10,56 +10,57 @@ from surveilnav.bus import Answer, Node, Request, clock_ns
 from surveilnav.contract import JUDGED, MISSION_STATUS
 from surveilnav.errors import SurveilNavError
 from surveilnav.messages import Judged
-from surveilnav.services.robot_node.core import RobotState
+from surveilnav.robot_state import RobotState
 
-#: ``judge(target, state)``: (whether it is a success, the way to the nearest place that counts [m]); None: no such thing
-#: is known in the building, as with words for what nobody labelled.
+#: ``judge(target, state)`` returns whether the stop is a success, and the distance left to the nearest place that would
+#: count [m] (None: no way leads there). It returns None as a whole if the building has nothing that is called ``target``.
 Judge = Callable[[str, RobotState], tuple[bool, float | None] | None]
 
-#: Of so many missions the verdict is remembered.
-_MOST = 1000
+#: Verdicts of older missions are forgotten.
+_MAX_VERDICTS = 1000
 
 
-class Verdicts:
-    """Judges each stop on a thread of its own, puts the verdict, and answers with it whoever asks later. Without a ``judge``
-    it says nothing."""
+class StopJudge:
+    """Judges each stop on a thread of its own, publishes the verdict, and answers queries for it afterwards."""
 
-    def __init__(self, node: Node, robot: str, judge: Judge | None) -> None:
+    def __init__(self, node: Node, robot: str, judge: Judge) -> None:
         self._node, self._robot, self._judge, self._source = node, robot, judge, f"robot-{robot}"
-        self._told: OrderedDict[str, Judged] = OrderedDict()
+        self._verdicts: OrderedDict[str, Judged] = OrderedDict()
         self._lock = threading.Lock()
-        if judge is not None:
-            node.serve(JUDGED, self._answer, source=self._source)
+        node.serve(JUDGED, self._on_query, source=self._source)
 
-    def acted(self, state: RobotState) -> None:
-        """The robot has come to ``state``. If it called ``stop``, its mission is judged."""
-        if state.stopped and state.mission and (judge := self._judge):
-            threading.Thread(target=self._judged, args=(judge, state), name="verdict", daemon=True).start()
+    def judge_stop(self, state: RobotState) -> None:
+        """Starts to judge the mission if the robot called ``stop`` in ``state``; otherwise does nothing."""
+        if state.stopped and state.mission:
+            threading.Thread(target=self._publish_verdict, args=(state,), name="verdict", daemon=True).start()
 
-    def _judged(self, judge: Judge, state: RobotState) -> None:
+    def _publish_verdict(self, state: RobotState) -> None:
         try:
             status = self._node.ask(MISSION_STATUS, mission=state.mission).message
-        except SurveilNavError as error:  # its planner is gone: nobody knows what was searched
+        except SurveilNavError as error:  # without the planner nobody knows which target was searched
             self._node.warn_seldom("a stop can't be judged", mission=state.mission, error=str(error))
             return
-        if (found := judge(status.target, state)) is None:
+        if (result := self._judge(status.target, state)) is None:
             return
-        success, distance_m = found
+        success, distance_m = result
         verdict = Judged(
             stamp_ns=clock_ns(), mission=state.mission, robot=self._robot, success=success, distance_m=distance_m
         )
         with self._lock:
-            self._told[state.mission] = verdict
-            if len(self._told) > _MOST:
-                self._told.popitem(last=False)
+            self._verdicts[state.mission] = verdict
+            if len(self._verdicts) > _MAX_VERDICTS:
+                self._verdicts.popitem(last=False)
         publisher = self._node.publisher(JUDGED, source=self._source, mission=state.mission)
         publisher.put(verdict)
         publisher.close()
 
-    def _answer(self, request: Request) -> list[Answer]:
+    def _on_query(self, request: Request) -> list[Answer]:
+        """The verdict of one mission, or of all."""
         with self._lock:
-            told = dict(self._told)
+            verdicts = dict(self._verdicts)
         wanted = request.ids.get("mission")
         return [
-            Answer(v, ids={"source": self._source, "mission": id}) for id, v in told.items() if wanted in (None, id)
+            Answer(verdict, ids={"source": self._source, "mission": mission})
+            for mission, verdict in verdicts.items()
+            if wanted in (None, mission)
         ]

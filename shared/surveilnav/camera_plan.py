@@ -1,4 +1,4 @@
-"""Which cameras a building has and where they look: what a camera node leases a place from."""
+"""The camera plan of a building: where its cameras are and in which directions they look."""
 
 from __future__ import annotations
 
@@ -8,7 +8,13 @@ from surveilnav.geometry import Pinhole, Pose
 
 
 class PlannedCamera(msgspec.Struct, frozen=True):
-    """One camera of the plan: poses of its 13 views, ``T_world_camera``; ``half``: the six of the paper's half views."""
+    """One camera of the plan.
+
+    Attributes:
+        position_m: (x, y, z) in the world.
+        views: ``T_world_camera`` of its 13 views.
+        half: indices of the six views that the paper's variant with half the views uses.
+    """
 
     name: str
     floor: str
@@ -18,7 +24,14 @@ class PlannedCamera(msgspec.Struct, frozen=True):
 
 
 class CameraPlan(msgspec.Struct, frozen=True):
-    """All cameras of a building, its floors, and the hash of the scene that their cached views show."""
+    """All cameras of a building.
+
+    Attributes:
+        scene_hash: hash of the scene, part of the keys of cached views.
+        floors: ids of the building's floors.
+        mounting_offset_m: height of each camera above its floor.
+        intrinsics: of each camera.
+    """
 
     building: str
     scene_hash: str
@@ -28,5 +41,5 @@ class CameraPlan(msgspec.Struct, frozen=True):
     cameras: list[PlannedCamera]
 
     def camera(self, name: str) -> PlannedCamera | None:
-        """The camera of that name; None: there is none."""
+        """The camera of that name, or None."""
         return next((c for c in self.cameras if c.name == name), None)

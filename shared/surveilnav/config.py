@@ -1,4 +1,4 @@
-"""Where things lie on this machine: the two directories that everything else is found under."""
+"""Directories and other settings from the environment that are shared by all parts of the system."""
 
 from __future__ import annotations
 
@@ -6,16 +6,16 @@ import os
 from pathlib import Path
 
 from surveilnav.errors import ConfigError
-from surveilnav.stored import FolderCache
+from surveilnav.storage import FolderCache
 
 
 def cache_dir() -> Path:
-    """The directory for what can be made or downloaded again: SURVEILNAV_CACHE_DIR, else ``~/.cache/surveilnav``.
+    """The directory for data that can be made or downloaded again: SURVEILNAV_CACHE_DIR, else ``~/.cache/surveilnav``.
 
-    It is made if it doesn't exist.
+    It is created if it doesn't exist.
 
     Raises:
-        ConfigError: it can't be made or isn't a directory.
+        ConfigError: it can't be created or isn't a directory.
     """
     value = os.environ.get("SURVEILNAV_CACHE_DIR", "").strip()
     base = os.environ.get("XDG_CACHE_HOME", "").strip()
@@ -32,8 +32,11 @@ def cache_dir() -> Path:
     return path
 
 
-def cache_called(name: str, kind: bytes, max_mb: int) -> FolderCache | None:
-    """The cache in the folder of that name in ``cache_dir()``; None: it has no room, or no folder can be made."""
+def open_disk_cache(name: str, kind: bytes, max_mb: int) -> FolderCache | None:
+    """The cache in the folder ``name`` of ``cache_dir()``; None if ``max_mb`` is 0, or the folder can't be created.
+
+    ``kind``: format of its files; see ``storage.write_parts``.
+    """
     if not max_mb:
         return None
     try:
@@ -43,7 +46,7 @@ def cache_called(name: str, kind: bytes, max_mb: int) -> FolderCache | None:
 
 
 def models_dir() -> Path | None:
-    """The directory with detector weights: SURVEILNAV_MODELS_DIR, or None if it isn't set.
+    """The directory with models, SURVEILNAV_MODELS_DIR; None if that isn't set.
 
     Raises:
         ConfigError: it is set but isn't a directory.
@@ -58,17 +61,17 @@ def models_dir() -> Path | None:
 
 
 def offline() -> bool:
-    """Whether nothing may be downloaded: SURVEILNAV_OFFLINE or HF_HUB_OFFLINE is set, and isn't 0, false, no or off."""
+    """Whether downloads are forbidden: SURVEILNAV_OFFLINE or HF_HUB_OFFLINE is set, and isn't 0, false, no or off."""
     values = (os.environ.get(name, "").strip().lower() for name in ("SURVEILNAV_OFFLINE", "HF_HUB_OFFLINE"))
     return any(value not in ("", "0", "false", "no", "off") for value in values)
 
 
 def hub_endpoint() -> str:
-    """The address of the Hugging Face hub or of a mirror: HF_ENDPOINT, else the hub's own."""
+    """The address of the Hugging Face hub or of a mirror: HF_ENDPOINT, by default the hub's own."""
     return os.environ.get("HF_ENDPOINT", "").strip().rstrip("/") or "https://huggingface.co"
 
 
-def path_set_by(variable: str) -> Path | None:
-    """The path that an environment variable names; None where it isn't set."""
+def path_from_env(variable: str) -> Path | None:
+    """The path in an environment variable; None if that isn't set."""
     value = os.environ.get(variable, "").strip()
     return Path(value).expanduser() if value else None

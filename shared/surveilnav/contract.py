@@ -1,7 +1,6 @@
-"""THE table: every key expression of the system, what it carries, who owns it, how fresh it must be.
+"""The contract: every key of the bus, what it carries, who owns it, how fresh it must be.
 
-A key string appears nowhere else. ``docs/understand/contract.md`` is generated from this file
-(``make docs``); a test keeps them equal.
+Key strings appear nowhere else. ``docs/understand/contract.md`` is generated from this file by ``make docs``.
 """
 
 from __future__ import annotations
@@ -18,15 +17,15 @@ VERSION = 1
 ROOT = f"surveilnav/{VERSION}"
 LIVELINESS = "@surveilnav/" + str(VERSION) + "/{building}/{kind}/{id}"
 
-#: From the most urgent on. A question and its answer have one priority.
+#: Highest first. A query and its answer have the same priority.
 Priority = Literal["control", "data", "maps", "bulk"]
-#: What becomes of a message for which a link has no room: it waits, or it is left out.
+#: What happens to a message for which a link has no room.
 WhenFull = Literal["wait", "leave out"]
-#: What is large may be left out: bulk data is put again until it was processed or a newer one came, and answers with maps
-#: are asked for again. Nothing else may, and so nothing of what was acknowledged.
+#: Only large messages may be left out, none that was acknowledged: bulk data is published again until it was processed or a
+#: newer message has replaced it, and queries for maps are repeated.
 WHEN_FULL: dict[Priority, WhenFull] = {"control": "wait", "data": "wait", "maps": "leave out", "bulk": "leave out"}
 _FIELD = re.compile(r"\{(\w+)\}")
-#: What can stand in a key, and so be the id of anything; ``ID_PATTERN`` is the same for a whole string.
+#: Pattern of an id, which can stand in a key; ``ID_PATTERN`` matches a whole string.
 ID = r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}"
 ID_PATTERN = f"^{ID}$"
 _ID = re.compile(ID)
@@ -34,12 +33,22 @@ _ID = re.compile(ID)
 
 @dataclass(frozen=True, slots=True)
 class Stream:
-    """One line of the table.
+    """One row of the contract.
 
-    ``kind`` is "put" or "query" ("put+query": both). ``request`` is what a query carries, ``message`` what is
-    put or replied. ``payload`` says that raw bytes travel as the payload, the message then being the
-    attachment. ``max_age_ms``: older is stale. ``rate_hz``: None means on change. ``asked_of_all``: a request may
-    go to all owners by a wildcard; others must name one, so that no command moves every robot.
+    Attributes:
+        name: the stream's name in reports.
+        key: its key below ``ROOT``, with fields in braces.
+        message: type of what is published or answered.
+        owner: who publishes or answers.
+        kind: whether the key is published, queried, or both.
+        rate_hz: rate of publication; None: on change.
+        max_age_ms: age at which a message is stale; also the default time limit of a query.
+        priority: decides which message goes first, and whether it may be left out (``when_full``).
+        carries: description for people.
+        request: type of the message in a query; None: queries carry none.
+        payload: whether raw bytes travel beside the message, which is then Zenoh's attachment.
+        allows_wildcard: whether a query with a request may go to all owners. Otherwise it must name one, so that no command
+            moves every robot.
     """
 
     name: str
@@ -53,18 +62,18 @@ class Stream:
     carries: str
     request: type[Message] | None = None
     payload: bool = False
-    asked_of_all: bool = False
+    allows_wildcard: bool = False
 
     @property
     def fields(self) -> tuple[str, ...]:
-        """The names in braces, in order."""
+        """The names of the fields in the key, in order."""
         return tuple(_FIELD.findall(self.key))
 
     def key_for(self, **ids: object) -> str:
-        """The concrete key, or a key expression where a field is left out (``*``).
+        """The key with these ids. Fields that are left out become the wildcard ``*``.
 
         Raises:
-            ValueError: an id that can't stand in a key; it names the characters allowed.
+            ValueError: an id has characters that can't stand in a key, or names no field.
         """
         unknown = set(ids) - set(self.fields)
         if unknown:
@@ -79,18 +88,18 @@ class Stream:
         return f"{ROOT}/{_FIELD.sub(put, self.key)}"
 
     def ids_of(self, key: str) -> dict[str, str] | None:
-        """The ids in a concrete key, or None if it isn't one of this stream's."""
+        """The ids in a key by field; None if the key isn't this stream's."""
         match = _pattern(self.key).fullmatch(key)
         return match.groupdict() if match else None
 
     @property
     def when_full(self) -> WhenFull:
-        """What becomes of a message for which a link has no room."""
+        """What happens to a message for which a link has no room."""
         return WHEN_FULL[self.priority]
 
     @property
     def schema(self) -> str:
-        """Name and minor version of the message, put into Zenoh's encoding."""
+        """The schema string of the message, which travels in Zenoh's encoding."""
         return schema_of(self.message)
 
 
@@ -100,7 +109,7 @@ def _pattern(key: str) -> re.Pattern[str]:
 
 
 def schema_of(message: type[Message]) -> str:
-    """The schema string of a message type: a change that old readers can't read raises ``VERSION`` instead."""
+    """The schema string of a message type. A change that old readers can't read raises ``VERSION``, which is part of it."""
     return f"surveilnav.{message.__name__}/{VERSION}.0"
 
 
@@ -162,7 +171,7 @@ CAMERA_SLOT = Stream(
     "control",
     "who holds a slot of the camera plan answers; the others look for a free one",
     request=m.SlotClaim,
-    asked_of_all=True,
+    allows_wildcard=True,
 )
 ROBOT_OBSERVATION = Stream(
     "robot_observation",
@@ -210,7 +219,7 @@ ROBOT_HALT = Stream(
     "control",
     "stop at once and stay, or be released: one robot or all",
     request=m.Halt,
-    asked_of_all=True,
+    allows_wildcard=True,
 )
 PERCEPTION_INFER = Stream(
     "perception_infer",
@@ -318,7 +327,7 @@ FORGET_PICTURES = Stream(
     "control",
     "forget past pictures: all who keep any",
     request=m.ForgetPictures,
-    asked_of_all=True,
+    allows_wildcard=True,
 )
 VIEW_LOG = Stream(
     "view_log",
@@ -518,13 +527,13 @@ JUDGED = Stream(
     "simulation only, for the gateway alone: whether the robot stopped where it should",
 )
 
-#: What only a simulator knows: no traffic of a real building, and nothing for fusion and planner.
+#: Streams that exist only in simulation. They don't count as traffic, and fusion and planner never receive them.
 SIMULATION: tuple[Stream, ...] = (TRUTH, JUDGED)
 STREAMS: tuple[Stream, ...] = tuple(v for v in list(globals().values()) if isinstance(v, Stream))
 
 
 def markdown() -> str:
-    """docs/understand/contract.md."""
+    """The page docs/understand/contract.md."""
     lines = [
         "# The contract",
         "",

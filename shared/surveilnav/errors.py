@@ -1,18 +1,18 @@
-"""Every error a user can cause.
+"""All errors that a user can cause.
 
     SurveilNavError                 the base: the command line prints its text and exits 1, no traceback
     ├── BuildingError               a building can't be found or read
-    │   └── AssetError              furniture or example homes can't be had
-    ├── TargetError                 a target name nobody can search for
+    │   └── AssetError              furniture or example homes can't be found or downloaded
+    ├── TargetError                 a target that can't be searched for
     ├── ConfigError                 a setting is wrong or missing
     ├── MissingExtraError           a command needs packages that this installation lacks
     ├── PerceptionError             a perception backend can't run or answer
-    ├── WireError                   bytes that are no message of the contract
+    ├── WireError                   received data that is no message of the contract
     ├── BusError                    the router can't be reached, or a port is taken
-    ├── MissionError                a mission can't be accepted; carries a name from the contract
-    └── GatewayError                the gateway doesn't answer, or refuses; carries its problem's name
+    ├── MissionError                a mission can't be accepted; has a name from the contract
+    └── GatewayError                the gateway doesn't answer, or refuses; has its problem's name
 
-Each message says what was expected, what arrived, and what to do.
+Each message says what was expected, what was found instead, and what to do.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 class SurveilNavError(Exception):
-    """The base of all errors that are the user's, the network's or the data's, not the programmer's."""
+    """Base of all errors caused by the user, the network or the data, as opposed to programming errors."""
 
 
 class BuildingError(SurveilNavError):
@@ -32,11 +32,11 @@ class BuildingError(SurveilNavError):
 
 
 class AssetError(BuildingError):
-    """Furniture or example homes can't be had."""
+    """Furniture or example homes can't be found or downloaded."""
 
 
 class TargetError(SurveilNavError):
-    """A target name that nobody can search for."""
+    """A target that can't be searched for."""
 
 
 class ConfigError(SurveilNavError):
@@ -52,7 +52,7 @@ class PerceptionError(SurveilNavError):
 
 
 class WireError(SurveilNavError):
-    """Bytes that are no message of the contract: wrong schema, wrong version, or undecodable."""
+    """Received data that is no valid message of the contract."""
 
 
 class BusError(SurveilNavError):
@@ -68,14 +68,14 @@ class MissionError(SurveilNavError):
 
 
 class GatewayError(SurveilNavError):
-    """The gateway doesn't answer, or refuses. ``name`` ends the type of its problem."""
+    """The gateway doesn't answer, or refuses. ``name``: the last part of its problem's type."""
 
     def __init__(self, name: str, message: str) -> None:
         super().__init__(message)
         self.name = name
 
 
-def explain_settings(error: ValidationError) -> str:
+def explain_settings_error(error: ValidationError) -> str:
     """What is wrong with settings, a line for each fault: the setting, what was expected, what arrived."""
     lines = []
     for fault in error.errors():

@@ -1,4 +1,4 @@
-"""How long things take, as counts in buckets of fixed edges: such counts can be sent, added up and read as quantiles."""
+"""Histograms of durations with fixed buckets, which can be sent, added up, and read as quantiles."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ from bisect import bisect_left
 from collections.abc import Sequence
 from typing import Final
 
-#: Upper edges of the buckets [ms], four for each doubling: a quantile read from them is a fifth too long at most. The
-#: last bucket has none: it holds all that takes longer than a minute.
+#: Upper edges of the buckets [ms], four per doubling, so that a quantile is overestimated by at most a fifth. A last bucket
+#: without an edge holds the durations of more than a minute.
 EDGES_MS: Final[tuple[float, ...]] = tuple(0.25 * 2 ** (k / 4) for k in range(73))
 
 
 class Histogram:
-    """Counts of durations, by the buckets of ``EDGES_MS``."""
+    """Counts of durations in the buckets of ``EDGES_MS``."""
 
     def __init__(self) -> None:
         self.counts = [0] * (len(EDGES_MS) + 1)
@@ -23,9 +23,9 @@ class Histogram:
 
 
 def quantile_ms(counts: Sequence[int], share: float) -> float | None:
-    """The duration [ms] that ``share`` of those counted didn't exceed, e.g. 0.95; None where none was counted.
+    """The duration [ms] that the share ``share`` of the durations, such as 0.95, didn't exceed: an upper edge of a bucket.
 
-    It is the upper edge of its bucket. Counts of another length are no counts of ``EDGES_MS``: None, too.
+    None if there are no durations, or the number of ``counts`` isn't that of the buckets.
     """
     total = sum(counts)
     if len(counts) != len(EDGES_MS) + 1 or total <= 0:

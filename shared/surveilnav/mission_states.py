@@ -4,6 +4,6 @@ from __future__ import annotations
 
 from typing import Literal
 
-MissionState = Literal["queued", "active", "confirming", "paused", "done", "failed", "cancelled"]
+MissionStateName = Literal["queued", "active", "confirming", "paused", "done", "failed", "cancelled"]
 #: States that a mission never leaves.
-FINISHED_STATES: tuple[MissionState, ...] = ("done", "failed", "cancelled")
+FINISHED_STATES: tuple[MissionStateName, ...] = ("done", "failed", "cancelled")

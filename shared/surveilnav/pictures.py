@@ -1,4 +1,4 @@
-"""How long past pictures may be kept: one setting for every process that keeps any."""
+"""The setting for how long past pictures may be kept, which all processes share."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pydantic_settings import BaseSettings, SettingsConfigDict
 
 
 class PictureSettings(BaseSettings):
-    """Past pictures, wherever they are kept."""
+    """Retention of past pictures."""
 
     model_config = SettingsConfigDict(env_prefix="SURVEILNAV_PICTURES__", extra="ignore", env_ignore_empty=True)
 
@@ -21,5 +21,5 @@ class PictureSettings(BaseSettings):
 
     @property
     def keep_s(self) -> float | None:
-        """The same in seconds."""
+        """``keep_h`` in seconds."""
         return None if self.keep_h is None else self.keep_h * 3600.0

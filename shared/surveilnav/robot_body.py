@@ -1,6 +1,7 @@
-"""The robot that searches: Habitat's ObjectNav robot (habitat-lab ``objectnav_hm3d``), said once for everybody.
+"""Dimensions and abilities of the robot: Habitat's ObjectNav robot (habitat-lab ``objectnav_hm3d``).
 
-Motion, planning, maps and the simulator's judge must agree on it. A robot of another size changes these lines.
+The robot node, the planner, the maps and the simulator's judge must agree on these numbers, so they are defined here only.
+A robot of another size changes them here.
 """
 
 from __future__ import annotations
@@ -11,37 +12,49 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-#: Its footprint is a disc of this radius.
+from surveilnav.geometry import Pinhole
+
+#: The footprint is a disc of this radius.
 RADIUS_M = 0.18
-#: It needs this much room above the floor, and drives over what is lower than ``CLIMB_M`` (Recast's "max climb"): carpets, sills.
+#: The robot needs this much room above the floor. It drives over what is lower than ``CLIMB_M`` (Recast's "max climb"):
+#: carpets, door sills.
 HEIGHT_M = 1.0
 CLIMB_M = 0.1
-#: Its camera's height above the floor.
+#: Height of the camera above the floor.
 CAMERA_HEIGHT_M = 0.88
-#: What its depth camera measures (nearest, farthest).
+#: Intrinsics of the camera, 640 x 480 pixels at 79 degrees, and how far it tilts up and down.
+CAMERA = Pinhole.from_hfov(640, 480, math.radians(79.0))
+MAX_PITCH_RAD = math.radians(60.0)
+#: (nearest, farthest) depth that the camera measures.
 DEPTH_RANGE_M = (0.5, 5.0)
-#: How far ``move_forward`` goes, and ``turn_left``, ``turn_right``, ``look_up`` and ``look_down`` turn.
+#: ``move_forward`` goes this far; ``turn_left`` and ``turn_right``, ``look_up`` and ``look_down`` turn by these angles.
 STEP_M = 0.25
 TURN_RAD = math.radians(30.0)
 LOOK_RAD = math.radians(30.0)
-#: How near (on the floor) to the end of a stair it must be to take it.
+#: To take a stair the robot must be this near to its end, measured on the floor.
 STAIR_REACH_M = 0.5
 
 
 def clearance_m(blocked: NDArray[np.bool_], resolution_m: float) -> NDArray[np.float32]:
-    """(rows, cols) distance from each cell's middle to that of the nearest blocked cell [m]: exact, without an edge.
+    """(rows, cols) distance from each cell's centre to the centre of the nearest blocked cell [m].
 
-    ``blocked``: (rows, cols), cells that something reaches into.
+    The distance transform is exact. Cells beyond the grid's edge count as free.
+
+    Args:
+        blocked: (rows, cols), cells that an obstacle reaches into.
+        resolution_m: side of a cell.
     """
     free = np.ascontiguousarray(~np.asarray(blocked, dtype=np.bool_)).view(np.uint8)
-    away: NDArray[np.float32] = cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    return away * np.float32(resolution_m)
+    distance_px: NDArray[np.float32] = cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    return distance_px * np.float32(resolution_m)
 
 
 def fits(clearance: NDArray[np.float32], radius_m: float = RADIUS_M, spare_m: float = 0.0) -> NDArray[np.bool_]:
-    """Where the robot's centre may be, by ``clearance_m``: one rule for the planner and for the judge.
+    """Where the robot's centre may be, by ``clearance_m``. Planner and judge both use this rule.
 
-    A corridor along the grid must have seven open cells of 5 cm. ``spare_m``: how much thicker obstacles may be in the map
-    than they are; a map made of views spills over by a cell.
+    With the default radius, a corridor along the grid must have seven open cells of 5 cm.
+
+    Args:
+        spare_m: how much thicker obstacles may appear in the map than they are. A map made from views spills over by a cell.
     """
     return np.asarray(clearance + np.float32(spare_m) > radius_m)

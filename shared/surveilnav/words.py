@@ -1,4 +1,4 @@
-"""Words for things: their one spelling, and what counts as one."""
+"""Canonical spelling and validation of words for objects."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ from pathlib import Path
 
 from surveilnav.errors import TargetError
 
-#: Longer phrases name no thing; more words than these aren't looked for at once.
+#: Limits on the length of a word, and on the number of words in a request.
 MAX_WORD_CHARS, MAX_WORDS = 100, 256
 
 
 def canonical(name: str) -> str:
-    """The one spelling of a word: lower case, single spaces, synonyms folded ("Sofa" -> "couch")."""
+    """The canonical spelling of a word: lower case, single spaces, synonyms replaced ("Sofa" -> "couch")."""
     folded = " ".join(unicodedata.normalize("NFC", name).strip().lower().replace("_", " ").replace("-", " ").split())
     return _synonyms().get(folded, folded)
 
 
-def checked_word(name: str) -> str:
-    """``canonical(name)`` if it can name a thing: a short phrase in any language.
+def validate_word(name: str) -> str:
+    """The canonical spelling of a word that can name an object: a short phrase in any language.
 
     Raises:
-        TargetError: it is empty, too long, or holds what no word holds.
+        TargetError: it is empty, too long, or contains characters that no word has.
     """
     if len(name) > 4 * MAX_WORD_CHARS or len(word := canonical(name)) > MAX_WORD_CHARS:
         raise TargetError(f"a target is a phrase of up to {MAX_WORD_CHARS} characters, got {len(name)}")
@@ -38,6 +38,6 @@ def checked_word(name: str) -> str:
 
 @cache
 def _synonyms() -> dict[str, str]:
-    """By another spelling, the word that it stands for."""
+    """By synonym, the word that it stands for."""
     table = json.loads((Path(__file__).parent / "data" / "synonyms.json").read_text(encoding="utf-8"))
     return {other: word for word, others in table.items() for other in others}

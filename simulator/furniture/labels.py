@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 
-from surveilnav.nouns import thing_of, things
+from surveilnav.nouns import thing_named, things
 from surveilnav.perception.vocabulary import COCO
 from surveilnav.words import canonical
 
@@ -32,15 +32,15 @@ def told_by(catalog_id: str, name: str) -> str:
     A bare shape ("eTeks#texturableBox") stands for whatever it is called: a carpet, a shelf.
     """
     own = catalog_id.rpartition("#")[2]
-    return own if thing_of(own) not in (None, "", "box") else name
+    return own if thing_named(own) not in (None, "", "box") else name
 
 
 def label_of(name: str, size_m: tuple[float, float, float], language: str = "") -> str:
     """The class of a piece of that name and size (width, depth, height), or "".
 
-    ``language``: code of the one that is meant where several have a word ("Bank"), see ``nouns.language_of``.
+    ``language``: code of the one that is meant where several have a word ("Bank"), see ``nouns.detect_language``.
     """
-    label = thing_of(name, language) or ""
+    label = thing_named(name, language) or ""
     is_small_table = size_m[2] < _MIN_TABLE_HEIGHT_M or max(size_m[:2]) < _MIN_TABLE_SIDE_M
     if (label == "dining table" and is_small_table) or (label == "potted plant" and size_m[2] > _MAX_PLANT_HEIGHT_M):
         return ""
@@ -49,7 +49,7 @@ def label_of(name: str, size_m: tuple[float, float, float], language: str = "") 
 
 def furniture_of(name: str) -> str:
     """The kind of a piece of furniture that COCO has no class for, or ""."""
-    thing = thing_of(name) or ""
+    thing = thing_named(name) or ""
     if thing == "dining table":  # asked for where it is too small for one
         return "other table"
     return thing if thing in KINDS else ""

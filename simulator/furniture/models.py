@@ -17,7 +17,7 @@ from surveilnav.errors import BuildingError
 from surveilnav.simulator.archive import MAX_TEXTURE_PX, decode_picture
 from surveilnav.simulator.furniture.objfile import MtlMaterial, ObjModel, read_mtl, read_obj
 from surveilnav.simulator.world.scene import Material
-from surveilnav.stored import replacing
+from surveilnav.storage import atomic_write
 
 #: Part of the cache's file names: raise it whenever parsing changes.
 CACHE_VERSION = 3
@@ -235,7 +235,7 @@ def _save_cached(path: Path, model: Model) -> None:
         if m.texture is not None:
             arrays[f"texture_{index}"] = m.texture
     try:
-        with replacing(path) as file:
+        with atomic_write(path) as file:
             np.savez(file, **arrays)  # type: ignore[arg-type]
     except OSError:
         return

@@ -17,7 +17,7 @@ from surveilnav.errors import BuildingError
 from surveilnav.simulator.meshes.materials import linear_of
 from surveilnav.simulator.meshes.names import label_of_hm3d
 from surveilnav.simulator.world.scene import Instance, Material, Scene
-from surveilnav.stored import replacing
+from surveilnav.storage import atomic_write
 
 HEADER = "HM3D Semantic Annotations"
 #: A primitive: triangles' corners (F, 3, 3) in the file's frame, their uv (F, 3, 2), the material's number.
@@ -135,7 +135,7 @@ def _write(
     if total >= 2**32:
         raise BuildingError(f"{path} would have {total >> 20} MiB: a GLB has at most 4096")
     try:
-        with replacing(path) as file:
+        with atomic_write(path) as file:
             file.write(struct.pack("<4sII", b"glTF", 2, total))
             file.write(struct.pack("<I4s", len(text), b"JSON") + text)
             file.write(struct.pack("<I4s", tree.written, b"BIN\0"))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from surveilnav.nouns import whole_of
+from surveilnav.nouns import thing_or_whole
 from surveilnav.perception.vocabulary import COCO
 from surveilnav.simulator.furniture.labels import label_of, plain_name
 from surveilnav.words import canonical
@@ -92,7 +92,7 @@ def label_of_node(name: str, size_m: tuple[float, float, float]) -> str:
 
 def whole_of_node(name: str, size_m: tuple[float, float, float]) -> str:
     """The class of a node, or of the thing that it is a part of by its name: "Bed_2" and "Bed_pillow" -> "bed"."""
-    whole = whole_of(name) or ""
+    whole = thing_or_whole(name) or ""
     return label_of_node(name, size_m) or (whole if whole in COCO else "")
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surveilnav.errors import BuildingError
-from surveilnav.nouns import language_of
+from surveilnav.nouns import detect_language
 from surveilnav.simulator.archive import Archive
 from surveilnav.simulator.furniture.catalog import CREDITS, CatalogModel, Furniture
 from surveilnav.simulator.furniture.labels import TARGETS, label_of, stand_in_of, told_by
@@ -75,7 +75,7 @@ class _Furnisher(Shell):
             self.builder.name += f"-{models}"
         self.furniture = furniture
         self.models = models
-        self.language = language_of(piece.name for piece in home.pieces)
+        self.language = detect_language(piece.name for piece in home.pieces)
         self._tinted: dict[tuple[int, Color], Material] = {}
         self._opened: dict[tuple[int, bool], Model] = {}
         self._own_models: dict[str, Model | None] = {}

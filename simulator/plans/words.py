@@ -6,7 +6,7 @@ import json
 import re
 from importlib import resources
 
-from surveilnav.nouns import humps_apart
+from surveilnav.nouns import split_camel_case
 
 _WORDS: dict[str, list[str]] = json.loads(
     resources.files("surveilnav.simulator.plans").joinpath("data/doors_and_roofs.json").read_text("utf-8")
@@ -17,7 +17,7 @@ _SPACELESS = "\u2e80"
 
 def words_of(*names: str) -> str:
     """Names as single words: "eTeks#frontDoor2" is "e Teks front Door"."""
-    return " ".join(re.sub(r"[\W\d_]+", " ", humps_apart(" ".join(names))).split())
+    return " ".join(re.sub(r"[\W\d_]+", " ", split_camel_case(" ".join(names))).split())
 
 
 def _any_of(words: list[str]) -> re.Pattern[str]:

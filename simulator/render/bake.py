@@ -35,7 +35,7 @@ from surveilnav.simulator.render.lights import Lights, lights_of
 from surveilnav.simulator.render.surfaces import Surfaces
 from surveilnav.simulator.world.raycast import RayCaster
 from surveilnav.simulator.world.scene import Scene
-from surveilnav.stored import locked
+from surveilnav.storage import file_lock
 
 Progress = Callable[[float, str], None]
 
@@ -51,7 +51,9 @@ def load_or_bake(
     found = read_light(path, steps)
     if found is not None:
         return found
-    with locked(path.with_suffix(".lock")):  # of several processes that need this light, one bakes and the others wait
+    with file_lock(
+        path.with_suffix(".lock")
+    ):  # of several processes that need this light, one bakes and the others wait
         found = read_light(path, steps)
         if found is not None:
             return found

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from surveilnav.simulator.render.bands import in_bands
 from surveilnav.simulator.render.surfaces import Surfaces
 from surveilnav.simulator.render.tones import LIGHT_MAX
-from surveilnav.stored import read_parts, write_parts
+from surveilnav.storage import read_parts, write_parts
 
 VERSION = 2
 _KIND = f"surveilnav light {VERSION}".encode()

@@ -20,10 +20,10 @@ import zstandard
 from numpy.typing import NDArray
 
 from surveilnav.geometry import Matrix4, Pinhole
-from surveilnav.sensing.packing import byte_planes, of_byte_planes
+from surveilnav.sensing.packing import from_byte_planes, to_byte_planes
 from surveilnav.simulator.render.depth_noise import DepthNoise
 from surveilnav.simulator.render.picture import PICTURES_VERSION, Lighting, Rendered, within
-from surveilnav.stored import FolderCache
+from surveilnav.storage import FolderCache
 
 if TYPE_CHECKING:
     from surveilnav.simulator.render.renderer import Renderer
@@ -98,7 +98,7 @@ def _encode(rendered: Rendered) -> list[bytes]:
     rows = np.diff(steps, axis=0, prepend=np.zeros((1, steps.shape[1]), np.uint16)).astype("<u2")
     ids = rendered.instance_ids.astype("<u2")
     pack = zstandard.ZstdCompressor(level=3).compress
-    return [jpeg.tobytes(), pack(byte_planes(rows)), pack(byte_planes(ids))]
+    return [jpeg.tobytes(), pack(to_byte_planes(rows)), pack(to_byte_planes(ids))]
 
 
 def _decode(parts: Sequence[bytes], camera: Pinhole) -> Rendered:
@@ -119,4 +119,4 @@ def _from_planes(packed: bytes, shape: tuple[int, int]) -> NDArray[np.uint16]:
     raw = zstandard.ZstdDecompressor().decompress(packed, max_output_size=size)
     if len(raw) != size:
         raise ValueError(f"an entry of {shape} pixels holds {size} bytes, got {len(raw)}")
-    return of_byte_planes(raw, shape)
+    return from_byte_planes(raw, shape)

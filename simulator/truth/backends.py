@@ -16,14 +16,14 @@ from scipy.special import ndtr
 from surveilnav.errors import PerceptionError
 from surveilnav.geometry import Matrix4, Pinhole
 from surveilnav.messages import ModelIds
-from surveilnav.perception.backend import Backend, Stage, Work
-from surveilnav.perception.chances import table_of
+from surveilnav.perception.backend import Backend, Stage, ViewTask
+from surveilnav.perception.chances import chance_table
 from surveilnav.perception.embedders import class_space
 from surveilnav.perception.embedders.class_space import ClassSpace
-from surveilnav.perception.segmenters.depth_in_box import floor_of, mask_of
-from surveilnav.perception.sizes import WRONG_SIZE, extent_m, extents_of, plausible
+from surveilnav.perception.segmenters.depth_in_box import find_floor, find_mask
+from surveilnav.perception.sizes import WRONG_SIZE_FACTOR, extent_m, extents_of, is_plausible
 from surveilnav.perception.vocabulary import COCO
-from surveilnav.sensing.views import Detected, TrueInstances, ViewPerception
+from surveilnav.sensing.views import DetectedObject, TrueInstances, ViewPerception
 from surveilnav.simulator.truth import name_space
 from surveilnav.simulator.truth.error_model import (
     Draws,
@@ -74,16 +74,17 @@ class Oracle(Backend):
     def embed_texts(self, texts: Sequence[str]) -> NDArray[np.float32]:
         return name_space.embed_texts(texts)
 
-    def _look(self, batch: Sequence[Work]) -> None:
-        for work in batch:
-            words = tuple(dict.fromkeys((*COCO, *(canonical(prompt) for prompt in work.prompts))))
-            told = _told(work.truth, work.view.depth_m, self.name)
-            things = visible_things(told, work.view.depth_m, self._min_pixels, words)
+    def _look(self, batch: Sequence[ViewTask]) -> None:
+        for task in batch:
+            words = tuple(dict.fromkeys((*COCO, *(canonical(prompt) for prompt in task.prompts))))
+            told = _told(task.truth, task.view.depth_m, self.name)
+            things = visible_things(told, task.view.depth_m, self._min_pixels, words)
             detections = tuple(
-                Detected(t.label, 1.0, t.box_px, t.mask, name_space.embed_object(t.label), chance=1.0) for t in things
+                DetectedObject(t.label, 1.0, t.box_px, t.mask, name_space.embed_object(t.label), chance=1.0)
+                for t in things
             )
             image = name_space.embed_image([thing.label for thing in things])
-            work.seen = ViewPerception(self.name, detections, image, self.models.embedder, words)
+            task.result = ViewPerception(self.name, detections, image, self.models.embedder, words)
 
 
 class Simulated(Backend):
@@ -106,23 +107,23 @@ class Simulated(Backend):
     ) -> None:
         self.why, self._seed, self._model, self._harder = why, seed, model or error_model(), harder
         self._scene: tuple[dict[int, str], dict[int, str], int] = ({}, {}, 0)
-        self.chances = table_of("compact")  # that is what it imitates
-        self.stages = (Stage("detect", self._look), Stage("judge", self.judge))
+        self.chances = chance_table("compact")  # that is what it imitates
+        self.stages = (Stage("detect", self._look), Stage("calibrate", self.assign_chances))
 
-    def _look(self, batch: Sequence[Work]) -> None:
-        for work in batch:
-            work.seen = self._seen(work)
+    def _look(self, batch: Sequence[ViewTask]) -> None:
+        for task in batch:
+            task.result = self._seen(task)
 
-    def _seen(self, work: Work) -> ViewPerception:
-        depth_m, camera, key = work.view.depth_m, work.view.camera, work.key
-        told = _told(work.truth, depth_m, self.name)
+    def _seen(self, task: ViewTask) -> ViewPerception:
+        depth_m, camera, key = task.view.depth_m, task.view.camera, task.key
+        told = _told(task.truth, depth_m, self.name)
         labels, scene = self._scene_of(told.labels)
         told = replace(told, labels=labels)
         is_camera = any(isinstance(part, str) and part.startswith("camera/") for part in key)
         view = hashed(scene, key)
         detections, weak = [], []
         shown: dict[str, float] = {}
-        floor = cache(partial(floor_of, depth_m, camera))  # views without detections don't ask
+        floor = cache(partial(find_floor, depth_m, camera))  # views without detections don't ask
         for c in candidates(told, depth_m, camera, is_camera, self._model.min_size_rad):
             shown |= showing(c.labels, c.x) if c.kind != "place" else {}
             for detected, scores in self._found(c, scene, view, depth_m, camera, floor):
@@ -170,7 +171,7 @@ class Simulated(Backend):
         depth_m: NDArray[np.float32],
         camera: Pinhole,
         floor: Callable[[], NDArray[np.bool_] | None],
-    ) -> Iterator[tuple[Detected | None, NDArray[np.float32]]]:
+    ) -> Iterator[tuple[DetectedObject | None, NDArray[np.float32]]]:
         """Detection (None: nothing is reported) and class scores of what is found among candidates of one kind."""
         kind = self._model.kinds[c.kind]
         draws = Draws(scene, view, c.ids, c.direction, c.range_m)
@@ -190,13 +191,13 @@ class Simulated(Backend):
                 said, of = label, "right"
                 if reported:
                     box = _box(c.shown[i], _one_of(kind.boxes[of], once[i, 1]), depth_m, camera)
-                    mask = mask_of(depth_m, box, floor())
+                    mask = find_mask(depth_m, box, floor())
             else:  # nothing tells what a false alarm's object is but depth in its box, and its size what it isn't
                 names, of = self._names(kind, c, i, sight, scene, view), "wrong"
                 said = names[0]
                 for name in names if reported else ():
                     box = _box(c.shown[i], _one_of(kind.boxes.get(name, kind.boxes[of]), always[i, 0]), depth_m, camera)
-                    mask = mask_of(depth_m, box, floor())
+                    mask = find_mask(depth_m, box, floor())
                     fits = _fits(name, *_size_of(box, mask, depth_m, camera))
                     if fits:
                         said = name
@@ -204,9 +205,9 @@ class Simulated(Backend):
             all_scores = _all_scores(said, score, _quantile(kind.certainty[of], once[i, 0]), kind.rest(label, sight))
             detected = None
             if not fits:
-                all_scores *= WRONG_SIZE
+                all_scores *= WRONG_SIZE_FACTOR
             elif box is not None and min(box[2] - box[0], box[3] - box[1]) >= 2:
-                detected = Detected(said, score, box, mask, class_space.embed_object(all_scores))
+                detected = DetectedObject(said, score, box, mask, class_space.embed_object(all_scores))
             yield detected, all_scores
 
     def _names(self, kind: Kind, c: Candidates, i: int, sight: str, scene: int, view: int) -> list[str]:
@@ -259,7 +260,7 @@ def _size_of(
 
 def _fits(name: str, size_m: float | None, cut: bool) -> bool:
     """Whether something is as large as things of a class, as far as depth tells."""
-    return size_m is None or plausible(_EXTENTS_M, name, size_m, cut)
+    return size_m is None or is_plausible(_EXTENTS_M, name, size_m, cut)
 
 
 def _told(truth: TrueInstances | None, depth_m: NDArray[np.float32], name: str) -> TrueInstances:

@@ -10,7 +10,7 @@ from surveilnav.errors import PerceptionError
 from surveilnav.perception import choose as real
 from surveilnav.perception.backend import Backend
 from surveilnav.perception.names import BackendName
-from surveilnav.perception.presets import Networks
+from surveilnav.perception.presets import NetworkSettings
 
 BACKENDS: tuple[str, ...] = tuple(BackendName)
 
@@ -23,7 +23,7 @@ def choose_backend(
     Args:
         seed, harder: of ``simulated``.
         simulated: whether the building is: "auto" may then take what learnt from such ones.
-        networks: see ``surveilnav.perception.presets.Networks``.
+        networks: see ``surveilnav.perception.presets.NetworkSettings``.
 
     Raises:
         PerceptionError: it can't run; the message says what is missing.
@@ -43,7 +43,9 @@ def choose_backend(
         return Simulated(f"{told} stand in, so these figures aren't a detector's. {why}", seed)
 
     others = {"oracle": oracle, "simulated": error_model}
-    return real.choose_backend(name, Networks(**networks), simulated=simulated, others=others, stand_in="simulated")
+    return real.choose_backend(
+        name, NetworkSettings(**networks), simulated=simulated, others=others, fallback="simulated"
+    )
 
 
 @contextmanager

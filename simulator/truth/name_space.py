@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surveilnav.perception.embedders import class_space
-from surveilnav.perception.prompts import named
+from surveilnav.perception.prompts import word_in_prompt
 from surveilnav.perception.vocabulary import COCO
 
 MODEL = "name-space"
@@ -41,7 +41,7 @@ def embed_image(words: Sequence[str]) -> NDArray[np.float32]:
 
 def embed_texts(texts: Sequence[str]) -> NDArray[np.float32]:
     """(N, DIM) of texts, each a word or "seems like there is a <word>"."""
-    rows = [_text(named(text)) for text in texts]
+    rows = [_text(word_in_prompt(text)) for text in texts]
     return np.array(rows, np.float32).reshape(len(rows), DIM)
 
 

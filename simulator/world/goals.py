@@ -56,7 +56,7 @@ MIN_DETOUR = 1.05
 
 
 class StateLike(Protocol):
-    """What the judge reads of a robot: see ``surveilnav.services.robot_node.core.RobotState``."""
+    """What the judge reads of a robot: see ``surveilnav.robot_state.RobotState``."""
 
     @property
     def p_world(self) -> tuple[float, float, float]: ...

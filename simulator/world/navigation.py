@@ -25,7 +25,7 @@ from surveilnav.simulator.world.free_ground import FloorNavigation, components_o
 from surveilnav.simulator.world.geodesic import first_blocked
 from surveilnav.simulator.world.raycast import RayCaster
 from surveilnav.simulator.world.scene import Scene, Stair
-from surveilnav.stored import replacing
+from surveilnav.storage import atomic_write
 
 #: Raised by one with every change of what is computed: old caches are then built anew.
 _FORMAT = 2
@@ -133,7 +133,7 @@ class NavigationMap:
             arrays[f"grid{i}"] = np.array([g.origin_x_m, g.origin_y_m, g.resolution_m, g.rows, g.cols])
             for name in ("free", "supported", "indoor", "obstacle"):
                 arrays[f"{name}{i}"] = np.packbits(getattr(floor, name))
-        with replacing(path) as file:
+        with atomic_write(path) as file:
             np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
 
     @classmethod

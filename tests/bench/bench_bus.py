@@ -35,7 +35,7 @@ from surveilnav.bus.settings import router_config
 from surveilnav.contract import CAMERA_FRAME, MAP_LAYER, MAP_REVISION, ROBOT_COMMAND, ROBOT_STATUS, Priority
 from surveilnav.errors import SurveilNavError
 from surveilnav.geometry import Grid, Pinhole, Pose
-from surveilnav.messages import Command, CommandReply, FrameHeader, LayerHeader, Part, Revision, RobotStatus
+from surveilnav.messages import Command, CommandReply, FrameHeader, LayerHeader, PayloadPart, Revision, RobotStatus
 
 FRAME_BYTES, FRAMES_HZ, STATES_HZ, COMMANDS_HZ = 1_500_000, 10.0, 50.0, 50.0
 #: Of a map: the cloud of a home.
@@ -187,8 +187,8 @@ def camera(node: Node, name: str) -> Callable[[int], None]:
             camera=CAMERA,
             mounting_offset_m=2.4,
             depth_range_m=(0.5, 5.0),
-            image=Part("jpeg", FRAME_BYTES),
-            depth=Part("depth-invq-zstd", 0),
+            image=PayloadPart("jpeg", FRAME_BYTES),
+            depth=PayloadPart("depth-invq-zstd", 0),
         )
         frames.put(header, picture)
 

@@ -26,10 +26,10 @@ from numpy.typing import NDArray
 from sklearn.cluster import DBSCAN
 
 from surveilnav.geometry import Pinhole, camera_pose
-from surveilnav.sensing.views import Detected, PosedView, ViewPerception
+from surveilnav.sensing.views import DetectedObject, PosedView, ViewPerception
 from surveilnav.services.fusion.core import JointMap, MapConfig
 from surveilnav.services.fusion.core.maps.cloud import VoxelCloud
-from surveilnav.services.fusion.core.maps.floor_map import _count_points, window_of
+from surveilnav.services.fusion.core.maps.floor_map import _count_points, window_around
 from surveilnav.services.fusion.core.maps.projection import world_points
 from surveilnav.services.fusion.core.objects.clustering import dbscan
 
@@ -47,7 +47,7 @@ class Corridor:
         self._noise = (1 + 0.005 * self._rng.standard_normal(2 * 640 * 480)).astype(np.float32)
         e = self._rng.standard_normal((5, 512)).astype(np.float32)
         self.embeddings = e / np.linalg.norm(e, axis=1, keepdims=True)
-        found = tuple(Detected("chair", 0.7, b, None, v) for b, v in zip(BOXES, self.embeddings, strict=False))
+        found = tuple(DetectedObject("chair", 0.7, b, None, v) for b, v in zip(BOXES, self.embeddings, strict=False))
         self.perceptions = {"no objects": (), "three objects": found}
 
     def view(self, seq: int, room: int) -> PosedView:
@@ -159,7 +159,7 @@ class Projection:
         view = Corridor().view(0, 0)
         self.points, _ = world_points(view, c.points_per_view, 5.0, c.depth_edge)
         self.p_camera = view.T_world_camera[:3, 3].copy()
-        self.window = window_of(self.points, self.p_camera, c.robot_radius_m, c.resolution_m)
+        self.window = window_around(self.points, self.p_camera, c.robot_radius_m, c.resolution_m)
         self.counts = [np.zeros(self.window[2:], np.uint32) for _ in range(8)]
         self.drops = [np.zeros(self.window[2:], np.uint32) for _ in range(2)]  # a corridor has none
         self.seen = np.full(self.window[2:], -1, np.int16)

@@ -85,7 +85,7 @@ def memory_mb(device: str) -> float:
 def detector_rows(folder: Path, runtime: Runtime, batches: Sequence[int], repeats: int) -> list[str]:
     rows = []
     for n_words, per_pass in ((1, 0), (4, 0), (4, 1), (16, 0), (16, 4)):
-        detector = parts.detector(str(folder), runtime, words_per_pass=per_pass)
+        detector = parts.load_detector(str(folder), runtime, words_per_pass=per_pass)
         for batch in batches:
             asked = [WORDS[:n_words]] * batch
             seconds = timed(lambda d=detector, b=batch, a=asked: d.detect([PICTURE] * b, a), repeats, runtime.device)
@@ -97,8 +97,8 @@ def detector_rows(folder: Path, runtime: Runtime, batches: Sequence[int], repeat
 
 def other_rows(clip_at: Path, sam_at: Path, runtime: Runtime, batches: Sequence[int], repeats: int) -> list[str]:
     rows, box = [], np.array([[100, 100, 300, 300]], np.float32)
-    embedder: Any = parts.embedder(str(clip_at), runtime)
-    segmenter: Any = parts.segmenter(str(sam_at), runtime)
+    embedder: Any = parts.load_embedder(str(clip_at), runtime)
+    segmenter: Any = parts.load_segmenter(str(sam_at), runtime)
     from surveilnav.geometry import Pinhole
     from surveilnav.perception.protocols import RgbdView
 

@@ -34,11 +34,11 @@ from surveilnav.contract import PERCEPTION_INFER, PERCEPTION_LOAD
 from surveilnav.errors import SurveilNavError
 from surveilnav.geometry import Pinhole
 from surveilnav.histogram import quantile_ms
-from surveilnav.messages import InferRequest, ModelIds, Part, WorkerLoad
-from surveilnav.perception.backend import Backend, Stage, Work
-from surveilnav.perception.presets import Networks, onnx_coco
+from surveilnav.messages import InferRequest, ModelIds, PayloadPart, WorkerLoad
+from surveilnav.perception.backend import Backend, Stage, ViewTask
+from surveilnav.perception.presets import NetworkSettings, onnx_coco
 from surveilnav.sensing.packing import encode_rgbd
-from surveilnav.sensing.views import Detected, ViewPerception
+from surveilnav.sensing.views import DetectedObject, ViewPerception
 from surveilnav.services.fusion.intake.workers import Workers
 from surveilnav.services.perception.config import PerceptionSettings
 from surveilnav.services.perception.service import PerceptionService
@@ -61,16 +61,18 @@ class Timed(Backend):
     def __init__(self, speed: float = 1.0) -> None:
         self.stages = tuple(Stage(n, self._slept(n, a / speed, b / speed)) for n, (a, b) in STAGES_MS.items())
 
-    def _slept(self, name: str, batch_ms: float, view_ms: float) -> Callable[[Sequence[Work]], None]:
-        def run(batch: Sequence[Work]) -> None:
+    def _slept(self, name: str, batch_ms: float, view_ms: float) -> Callable[[Sequence[ViewTask]], None]:
+        def run(batch: Sequence[ViewTask]) -> None:
             time.sleep((batch_ms + view_ms * len(batch)) / 1000)
-            for work in batch if name == "embed" else ():
+            for task in batch if name == "embed" else ():
                 vector = np.full(DIM, DIM**-0.5, np.float32)
                 things = [
-                    Detected("chair", 0.9, (10.0 * k, 10.0, 10.0 * k + 90, 120.0), np.ones((110, 90), bool), vector)
+                    DetectedObject(
+                        "chair", 0.9, (10.0 * k, 10.0, 10.0 * k + 90, 120.0), np.ones((110, 90), bool), vector
+                    )
                     for k in range(5)
                 ]
-                work.seen = ViewPerception(self.name, tuple(things), vector)
+                task.result = ViewPerception(self.name, tuple(things), vector)
 
         return run
 
@@ -81,7 +83,9 @@ class Timed(Backend):
 def serve(backend: str, speed: float) -> None:
     """A worker, until SIGTERM."""
     settings = PerceptionSettings()
-    made: Backend = Timed(speed) if backend == "timed" else onnx_coco(Networks(download=False), "for the benchmark")
+    made: Backend = (
+        Timed(speed) if backend == "timed" else onnx_coco(NetworkSettings(download=False), "for the benchmark")
+    )
     with Node("perception", settings.worker) as node:
         service = PerceptionService(node, made, settings)
         service.warm_up()
@@ -323,7 +327,9 @@ def bad_input(bus: BusSettings) -> None:
     good, payload = pictures(1)[0]
     assert good.image is not None
     rest = payload[good.image.n_bytes :]
-    rows = [(msgspec.structs.replace(good, image=Part("jpeg", len(p))), p + rest) for p in table.PICTURES.values()]
+    rows = [
+        (msgspec.structs.replace(good, image=PayloadPart("jpeg", len(p))), p + rest) for p in table.PICTURES.values()
+    ]
     rows += [(msgspec.structs.replace(good, **changes), payload) for changes, _ in table.REQUESTS.values()]
     tally = Tally()
     with worker(bus, "bad", "timed"), Node("bench", "bad-caller", bus, alive=False) as node:
@@ -382,7 +388,7 @@ def main() -> None:
 def backends() -> list[str]:
     """Those that can run here."""
     try:
-        onnx_coco(Networks(download=False), "are its weights here?")
+        onnx_coco(NetworkSettings(download=False), "are its weights here?")
     except SurveilNavError as error:
         print(f"onnx-coco is left out: {error}")
         return ["timed"]

@@ -17,14 +17,14 @@ from surveilnav.geometry import Grid
 from surveilnav.messages import ObjectRecord
 from surveilnav.perception.embedders.class_space import ClassSpace
 from surveilnav.services.fusion.core import JointMap
-from surveilnav.services.planner.core import FloorMemory, MapView, MissionState, PlannerConfig, RobotView, step
+from surveilnav.services.planner.core import FloorMaps, FloorMemory, MissionState, PlannerConfig, RobotView, step
 from surveilnav.services.planner.core.motion.terrain import build_terrain, travel_time_m
 
 MODEL = ClassSpace.model
 HOME, SUBSTITUTE, TARGET, STEPS = "4_bedroom", "parametric_house", "tv", 150
 
 
-def flat(side_cells: int) -> MapView:
+def flat(side_cells: int) -> FloorMaps:
     """A home of rooms of 4 m with doors of 0.8 m, a third of it unexplored."""
     grid = Grid(0.0, 0.0, 0.05, side_cells, side_cells)
     occupancy = np.zeros(grid.shape, np.uint8)
@@ -39,7 +39,7 @@ def flat(side_cells: int) -> MapView:
     frontier = np.zeros(grid.shape, np.uint8)
     frontier[:, -side_cells // 3 - 1] = 1 - occupancy[:, -side_cells // 3 - 1]
     value = np.random.default_rng(0).random(grid.shape).astype(np.float32)
-    return MapView("0", 0.0, grid, occupancy, explored, frontier, value, [], 1)
+    return FloorMaps("0", 0.0, grid, occupancy, explored, frontier, value, [], 1)
 
 
 @pytest.mark.parametrize("side_cells", [200, 400])
@@ -90,9 +90,11 @@ def search():
     from surveilnav.benchmark.play.episode import map_view
     from surveilnav.benchmark.play.sight import Sight
     from surveilnav.errors import AssetError
-    from surveilnav.services.robot_node import core as robot
+    from surveilnav.robot_state import RobotState
+    from surveilnav.services.robot_node.core import status_message
     from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings
     from surveilnav.simulator.truth.choose import choose_backend
+    from surveilnav.simulator.world import robot_motion
     from surveilnav.simulator.world.goals import find_goals, sample_start
 
     try:
@@ -107,7 +109,7 @@ def search():
     start = sample_start(building.scene, building.navigation, goals, seed=0, caster=building.caster)
     text = backend.embed_texts([f"seems like there is a {TARGET}"])[0]
     cameras = [v for info in sight.infos if info.floor == start.floor for v in sight.camera(info.camera)]
-    joint, state = JointMap(), robot.RobotState(*start.p_m, start.floor, start.yaw_rad)
+    joint, state = JointMap(), RobotState(*start.p_m, start.floor, start.yaw_rad)
     mission = MissionState("no such thing", max_steps=STEPS + 1)  # so the search goes on to the last step
     for camera in cameras:
         joint.integrate(camera.view, camera.perception)
@@ -115,12 +117,12 @@ def search():
     while len(steps) < STEPS:
         seen = sight.robot(state)
         placed = joint.integrate(seen.view, seen.perception)
-        told = RobotView.from_status(robot.status_of(state, robot="r1"), "", ())
+        told = RobotView.from_status(status_message(state, robot="r1"), "", ())
         mission, decision = step(mission, map_view(joint, placed.floor, text, MODEL), told, PlannerConfig())
         steps.append((seen.view, seen.perception, told, decision.action))
         if decision.finished:
             break
-        state = robot.act(state, decision.action, building.navigation)
+        state = robot_motion.act(state, decision.action, building.navigation)
     return cameras, steps, text
 
 

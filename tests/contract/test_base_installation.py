@@ -76,7 +76,7 @@ LOADED_LATER = [
     "surveilnav.cli.watching.lines",
     "surveilnav.cli.watching.screen",
     "surveilnav.client",
-    "surveilnav.stored",
+    "surveilnav.storage",
 ]
 
 _RUN = """

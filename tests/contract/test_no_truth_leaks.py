@@ -38,7 +38,7 @@ def fields(kind: type) -> set[str]:
 def test_frames_carry_pixels_depth_and_poses_only():
     assert fields(FrameHeader) == FRAME_FIELDS
     assert fields(Observation) == FRAME_FIELDS | ODOMETRY_FIELDS
-    encodings = msgspec.json.schema(FrameHeader)["$defs"]["Part"]["properties"]["encoding"]["enum"]
+    encodings = msgspec.json.schema(FrameHeader)["$defs"]["PayloadPart"]["properties"]["encoding"]["enum"]
     assert sorted(encodings) == ["depth-invq-zstd", "jpeg"]
 
 

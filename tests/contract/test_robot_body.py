@@ -12,10 +12,11 @@ from hypothesis import strategies as st
 
 from surveilnav.geometry import Grid
 from surveilnav.robot_body import RADIUS_M, clearance_m, fits
-from surveilnav.services.planner.core import FloorMemory, MapView, MissionState, PlannerConfig, RobotView
+from surveilnav.robot_state import RobotState
+from surveilnav.services.planner.core import FloorMaps, FloorMemory, MissionState, PlannerConfig, RobotView
 from surveilnav.services.planner.core.motion.drive import FmmPlanner
 from surveilnav.services.planner.core.motion.terrain import build_terrain
-from surveilnav.services.robot_node import core
+from surveilnav.simulator.world import robot_motion
 from surveilnav.simulator.world.free_ground import FloorNavigation, components_of
 from surveilnav.simulator.world.navigation import NavigationMap
 
@@ -43,7 +44,7 @@ def spilled(blocked):
 def terrain_of(blocked, robot, memory):
     nothing = np.zeros(GRID.shape, np.uint8)
     value = np.full(GRID.shape, np.nan, np.float32)
-    maps = MapView("0", 0.0, GRID, blocked.astype(np.uint8), np.ones(GRID.shape, np.uint8), nothing, value, [], 1)
+    maps = FloorMaps("0", 0.0, GRID, blocked.astype(np.uint8), np.ones(GRID.shape, np.uint8), nothing, value, [], 1)
     return build_terrain(maps, robot, MissionState("x", floor="0", floors={"0": memory}), CONFIG)
 
 
@@ -57,7 +58,7 @@ def judged(blocked):
 def arrives(blocked, mapped, yaw_rad, most=150):
     """Whether the planner, by the map, brings the body, in the world, from one side of the wall to the other."""
     world = judged(blocked)
-    state, memory = core.RobotState(*HERE, 0.0, "0", yaw_rad), FloorMemory()
+    state, memory = RobotState(*HERE, 0.0, "0", yaw_rad), FloorMemory()
     for _ in range(most):
         if math.dist((state.x_m, state.y_m), THERE) < 0.3:
             return True
@@ -67,7 +68,7 @@ def arrives(blocked, mapped, yaw_rad, most=150):
         if route is None:
             return False
         memory.visited.append((state.x_m, state.y_m))
-        state = core.act(state, route.action, world)
+        state = robot_motion.act(state, route.action, world)
         if state.collided:  # as the planner's memory notes it
             c, s = math.cos(state.yaw_rad), math.sin(state.yaw_rad)
             memory.bumps.append((state.x_m, state.y_m, state.yaw_rad))

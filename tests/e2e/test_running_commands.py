@@ -105,7 +105,8 @@ def test_in_a_pipe_it_is_a_line_an_event(running):
     with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as watching:
         assert watching.stdout is not None
         assert watching.stderr is not None
-        assert watching.stdout.readline().startswith('{"id": "')
+        first = json.loads(watching.stdout.readline())
+        assert (first["event"], set(first["data"])) == ("reset", {"why", "do"}), "as the gateway sent it"
         watching.stdout.close()  # as `head -1` does
         running.search("tv", mission="heard")
         until(lambda: watching.poll() is not None, "it never noticed", 60.0)

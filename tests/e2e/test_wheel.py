@@ -98,7 +98,7 @@ class Installed:
 
 
 def pip(*arguments: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "pip", *arguments, "-q", "--retries", "1", "--timeout", "30"]
+    command = [sys.executable, "-m", "pip", *arguments, "-q", "--retries", "1", "--timeout", "10"]
     return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=250, check=False)
 
 
@@ -111,8 +111,8 @@ def base(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Installed:
     run = pip("--python", str(folder / "bin" / "python"), "install", *pinned, str(wheel))
     if run.returncode:
         tried = pip("download", "--no-deps", "--no-cache-dir", *pinned, "-d", str(folder), "typing-extensions")
-        if tried.returncode:
-            pytest.skip(f"no package registry can be reached: {tried.stderr.strip().splitlines()[-1]}")
+        if tried.returncode:  # nor can a package be had that surely exists
+            pytest.skip("no package registry can be reached: pip finds no typing-extensions either")
         pytest.fail(run.stderr)
     return Installed(folder)
 
@@ -136,8 +136,9 @@ def test_a_base_installation_asks_a_running_system(base: Installed, running) -> 
     status = base.surveilnav("status", "--json", *url)
     assert status.returncode == 0, status.stderr
     assert [camera["id"] for camera in json.loads(status.stdout)["cameras"]["items"]] == ["c0-1"]
-    found = base.surveilnav("find", "tv", "--queue", "--json", *url)  # the planner may not have met the robot yet
-    assert found.returncode == 0, found.stderr
+    short = ["--max-steps", "8", "--queue"]  # it needn't find anything; and the planner may not have met the robot yet
+    found = base.surveilnav("find", "tv", *short, "--json", *url)
+    assert "Traceback" not in found.stderr
     mission = json.loads(found.stdout)["id"]
     commands = [
         ["status"],
@@ -160,6 +161,11 @@ def test_a_base_installation_asks_a_running_system(base: Installed, running) -> 
             wrong[" ".join(command)] = run.stderr or run.stdout
     assert wrong == {}
     assert "#" in base.surveilnav("map", *url).stdout
+    watch = [str(base.folder / "bin" / "surveilnav"), "watch", "--json", *url]
+    with subprocess.Popen(watch, cwd=base.folder, stdout=subprocess.PIPE, text=True) as watching:
+        assert watching.stdout is not None
+        assert watching.stdout.readline().startswith('{"id": "')
+        watching.terminate()
     assert (base.folder / "map.npy").read_bytes().startswith(b"\x93NUMPY")
 
 

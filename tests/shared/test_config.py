@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from surveilnav.config import cache_dir, hub_endpoint, models_dir, offline, path_set_by
+from surveilnav.config import cache_dir, hub_endpoint, models_dir, offline, path_from_env
 from surveilnav.errors import ConfigError
 
 
@@ -51,6 +51,6 @@ def test_the_hub_and_paths_come_from_the_environment(monkeypatch: pytest.MonkeyP
     monkeypatch.setenv("HF_ENDPOINT", " https://mirror.org/ ")
     assert hub_endpoint() == "https://mirror.org"
     monkeypatch.setenv("X", "~/a")
-    assert path_set_by("X") == Path("~/a").expanduser()
+    assert path_from_env("X") == Path("~/a").expanduser()
     monkeypatch.setenv("X", " ")
-    assert path_set_by("X") is None
+    assert path_from_env("X") is None

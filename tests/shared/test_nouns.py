@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from surveilnav.nouns import PART, language_of, thing_asked_for, thing_of, things, whole_of, words_of
+from surveilnav.nouns import PART, detect_language, split_words, thing_asked_for, thing_named, thing_or_whole, things
 from surveilnav.perception.vocabulary import COCO
 from surveilnav.simulator.furniture.labels import KINDS, label_of
 
@@ -50,15 +50,15 @@ def test_what_only_sounds_like_a_thing_has_no_class(name: str) -> None:
 
 @given(st.sampled_from(["bed", "chair", "tv", "fern", "sofa", "lit", "cama", "диван"]), st.sampled_from("qxzжщ"))
 def test_letters_around_a_word_make_another_word(word: str, letter: str) -> None:
-    assert thing_of(word)
-    assert thing_of(f"{letter}{word}{letter}") is None
+    assert thing_named(word)
+    assert thing_named(f"{letter}{word}{letter}") is None
 
 
 @given(st.text(max_size=300))
 def test_any_text_is_a_name(name: str) -> None:
-    thing = thing_of(name)
+    thing = thing_named(name)
     assert thing in (None, "") or thing in things()
-    assert all(word == word.casefold() for word in words_of(name))
+    assert all(word == word.casefold() for word in split_words(name))
 
 
 @pytest.mark.parametrize(
@@ -77,23 +77,23 @@ def test_any_text_is_a_name(name: str) -> None:
     ],
 )
 def test_names_are_cut_into_words(name: str, words: tuple[str, ...]) -> None:
-    assert words_of(name) == words
+    assert split_words(name) == words
 
 
 def test_the_head_of_a_name_is_meant() -> None:
-    assert thing_of("chair table lamp") == "lamp"
-    assert thing_of("lampe table chaise") == "lamp"
-    assert thing_of("bed with lamp") == "bed"
-    assert thing_of("Bett (mit Lampe)") == "bed"
+    assert thing_named("chair table lamp") == "lamp"
+    assert thing_named("lampe table chaise") == "lamp"
+    assert thing_named("bed with lamp") == "bed"
+    assert thing_named("Bett (mit Lampe)") == "bed"
 
 
 def test_the_language_of_a_home_decides_where_words_are_shared() -> None:
     bulgarian = ["Стол", "Маса", "Легло", "Гардероб", "Хладилник"]
-    assert language_of(bulgarian) == "bg"
-    assert (thing_of("Стол"), thing_of("Стол", "bg")) == ("dining table", "chair")
-    assert (thing_of("Bank"), thing_of("Bank", "nl")) == ("bench", "couch")
-    assert thing_of("Kühlschrank", "nl") == "refrigerator"  # another language knows more of it
-    assert language_of([]) == "en"
+    assert detect_language(bulgarian) == "bg"
+    assert (thing_named("Стол"), thing_named("Стол", "bg")) == ("dining table", "chair")
+    assert (thing_named("Bank"), thing_named("Bank", "nl")) == ("bench", "couch")
+    assert thing_named("Kühlschrank", "nl") == "refrigerator"  # another language knows more of it
+    assert detect_language([]) == "en"
 
 
 @pytest.mark.parametrize(
@@ -108,7 +108,7 @@ def test_the_language_of_a_home_decides_where_words_are_shared() -> None:
     ],
 )
 def test_parts_name_what_they_are_of(name: str, whole: str) -> None:
-    assert whole_of(name) == whole
+    assert thing_or_whole(name) == whole
     assert not label_of(name, SIZE) or whole == label_of(name, SIZE)
 
 
@@ -176,8 +176,8 @@ def test_what_may_be_asked_for_has_words_in_every_language(code: str) -> None:
 
 def test_furniture_s_names_don_t_mean_what_only_people_ask_for() -> None:
     for name in ("Tür", "window", "computer"):
-        assert thing_of(name) in ("", None)
-    assert thing_of("kitchen") == "cabinet"
+        assert thing_named(name) in ("", None)
+    assert thing_named("kitchen") == "cabinet"
 
 
 def test_the_table_is_whole() -> None:
@@ -188,7 +188,7 @@ def test_the_table_is_whole() -> None:
             for thing, phrases in listed.items():
                 assert thing in ("", PART) or thing in COCO or thing in KINDS or listed is row["also"]
                 for phrase in phrases.split(", "):
-                    words = words_of(phrase, keeps_accents=row.get("accents") == "kept")
+                    words = split_words(phrase, keeps_accents=row.get("accents") == "kept")
                     assert words, (code, phrase)
                     assert meanings.setdefault(words, thing) == thing, (code, phrase)
                     assert not phrase.startswith("-") or len(words) == 1, (code, phrase)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from surveilnav.errors import TargetError
-from surveilnav.words import MAX_WORD_CHARS, checked_word
+from surveilnav.words import MAX_WORD_CHARS, validate_word
 
 
 @pytest.mark.parametrize(
@@ -13,7 +13,7 @@ from surveilnav.words import MAX_WORD_CHARS, checked_word
     [("Fire  Extinguisher", "fire extinguisher"), ("Sofa", "couch"), ("книга", "книга"), ("coat_rack", "coat rack")],
 )
 def test_a_word_has_one_spelling(said: str, word: str) -> None:
-    assert checked_word(said) == word
+    assert validate_word(said) == word
 
 
 @pytest.mark.parametrize(
@@ -21,4 +21,4 @@ def test_a_word_has_one_spelling(said: str, word: str) -> None:
 )
 def test_what_no_detector_can_look_for(said: str) -> None:
     with pytest.raises(TargetError, match="target"):
-        checked_word(said)
+        validate_word(said)

@@ -30,7 +30,7 @@ def test_another_view_has_another_name(changes):
 
 def test_another_renderer_makes_another_view(monkeypatch):
     first = content()
-    monkeypatch.setattr(simulation, "program_id", lambda *names: "another")
+    monkeypatch.setattr(simulation, "code_fingerprint", lambda *names: "another")
     assert content() != first
 
 

@@ -78,7 +78,7 @@ def home() -> Any:
 @pytest.fixture(scope="session")
 def twenty(home: Any) -> Any:
     """Twenty renders of the home as its robot sees it, each of which shows one of ``WORDS`` at least."""
-    from surveilnav.services.robot_node.core import CAMERA
+    from surveilnav.robot_body import CAMERA
     from tests.torch.trained import examples
 
     return examples(*home, CAMERA, WORDS, 20)
@@ -95,7 +95,7 @@ def tiny_grounding_dino(twenty: Any, tmp_path_factory: pytest.TempPathFactory) -
 @pytest.fixture(scope="session")
 def tiny_clip(home: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a tiny CLIP that tells the living room from the kitchen by ``ROOM_TEXTS``."""
-    from surveilnav.services.robot_node.core import CAMERA
+    from surveilnav.robot_body import CAMERA
     from tests.torch.trained import room_views, train_clip
 
     shown = [(rgb, text) for room, text in ROOM_TEXTS.items() for rgb in room_views(*home, CAMERA, room, 120)]
@@ -105,7 +105,7 @@ def tiny_clip(home: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="session")
 def tiny_home_detector(home: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The same for the whole home: it has seen ``WORDS`` from many places, and views without them. Minutes."""
-    from surveilnav.services.robot_node.core import CAMERA
+    from surveilnav.robot_body import CAMERA
     from tests.torch.trained import examples, train_grounding_dino
 
     shown = examples(*home, CAMERA, WORDS, 160, empty=60)

@@ -47,7 +47,7 @@ def ran(monkeypatch: pytest.MonkeyPatch) -> Iterator[Counter[str]]:
 @pytest.mark.parametrize("name", ["grounding_dino", "owlv2", "omdet_turbo"])
 def test_a_detector(name: str, folder_of: Folder, pictures: list[np.ndarray], ran: Counter[str]) -> None:
     found = [
-        parts.detector(str(folder_of(name)), Runtime("cpu", compiled=compiled), threshold=0.0).detect(
+        parts.load_detector(str(folder_of(name)), Runtime("cpu", compiled=compiled), threshold=0.0).detect(
             pictures[:1], [WORDS]
         )[0]
         for compiled in (False, True)
@@ -58,9 +58,9 @@ def test_a_detector(name: str, folder_of: Folder, pictures: list[np.ndarray], ra
 
 @pytest.mark.parametrize("name", ["clip", "siglip"])
 def test_an_embedder(name: str, folder_of: Folder, pictures: list[np.ndarray], ran: Counter[str]) -> None:
-    plain = parts.embedder(str(folder_of(name)), Runtime("cpu"))
+    plain = parts.load_embedder(str(folder_of(name)), Runtime("cpu"))
     assert not ran
-    embedder = parts.embedder(str(folder_of(name)), Runtime("cpu", compiled=True))
+    embedder = parts.load_embedder(str(folder_of(name)), Runtime("cpu", compiled=True))
     ran.clear()
     np.testing.assert_allclose(embedder.embed_texts(["a bed"]), plain.embed_texts(["a bed"]), atol=1e-5)
     assert set(ran) == {"get_text_features"}
@@ -72,8 +72,8 @@ def test_an_embedder(name: str, folder_of: Folder, pictures: list[np.ndarray], r
 
 def test_a_segmenter(folder_of: Folder, pictures: list[np.ndarray], ran: Counter[str]) -> None:
     view = RgbdView(pictures[0], np.full((120, 160), 2.0, np.float32), Pinhole.from_hfov(160, 120, 1.3))
-    plain = parts.segmenter(str(folder_of("sam2")), Runtime("cpu")).segment([view], [BOX])
-    compiled = parts.segmenter(str(folder_of("sam2")), Runtime("cpu", compiled=True)).segment([view], [BOX])
+    plain = parts.load_segmenter(str(folder_of("sam2")), Runtime("cpu")).segment([view], [BOX])
+    compiled = parts.load_segmenter(str(folder_of("sam2")), Runtime("cpu", compiled=True)).segment([view], [BOX])
     assert {"get_image_embeddings", "forward"} <= set(ran)
     for a, b in zip(plain[0], compiled[0], strict=True):
         assert (a is None and b is None) or (a is not None and b is not None and np.mean(a != b) < 0.01)

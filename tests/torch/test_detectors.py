@@ -32,7 +32,7 @@ WORDS = ("couch", "fire extinguisher", "pottedplant")
 
 
 @pytest.fixture(params=KINDS)
-def detector(request: pytest.FixtureRequest, folder_of: Callable[..., Path]) -> Any:
+def load_detector(request: pytest.FixtureRequest, folder_of: Callable[..., Path]) -> Any:
     kind, name, more = KINDS[request.param]
     return kind(folder_of(name, **more), request.param, threshold=0.0)
 
@@ -83,7 +83,7 @@ def test_boxes_lie_in_the_picture_the_best_first(detector: Any, pictures: list[n
         assert (boxes.xyxy >= 0).all()
         assert (boxes.xyxy <= [160, 120, 160, 120]).all()
         assert (boxes.xyxy[:, 2:] > boxes.xyxy[:, :2]).all()
-        assert (np.diff(boxes.best) <= 0).all()
+        assert (np.diff(boxes.best_scores) <= 0).all()
         assert boxes.scores.dtype == boxes.xyxy.dtype == np.float32
 
 
@@ -105,9 +105,9 @@ def test_a_word_that_cannot_be_looked_for_blinds_nobody(detector: Any, pictures:
 
 def test_it_says_why_it_cannot_look_for_a_word(detector: Any) -> None:
     assert isinstance(detector, ChecksWords)
-    assert detector.refuses("fire extinguisher") == ""
-    assert "letters or digits" in detector.refuses("...")
-    assert re.search(r"too long .* expected up to \d+ tokens .*, got \d+\. Say it shorter", detector.refuses(LONG))
+    assert detector.refusal("fire extinguisher") == ""
+    assert "letters or digits" in detector.refusal("...")
+    assert re.search(r"too long .* expected up to \d+ tokens .*, got \d+\. Say it shorter", detector.refusal(LONG))
 
 
 # --- Grounding DINO -------------------------------------------------------------------------------------------------
@@ -220,14 +220,14 @@ def test_owlv2_pads_below_and_its_boxes_are_shares_of_the_square(
 def test_owlv2_refuses_what_it_would_cut(folder_of: Callable[..., Path]) -> None:
     """Its tiny one reads 40 tokens, of which "a photo of a" and the marks take 11; the tokenizer has one for each letter."""
     detector = Owlv2(folder_of("owlv2"), "tiny")
-    assert detector.refuses("x" * 29) == ""
-    assert "expected up to 29 tokens (about as many short words), got 30" in detector.refuses("x" * 30)
+    assert detector.refusal("x" * 29) == ""
+    assert "expected up to 29 tokens (about as many short words), got 30" in detector.refusal("x" * 30)
 
 
 def test_grounding_dino_refuses_what_fits_into_no_pass(grounding_dino: GroundingDino) -> None:
     longest = " ".join(["couch"] * 253)
-    assert grounding_dino.refuses(longest) == ""
+    assert grounding_dino.refusal(longest) == ""
     assert len(grounding_dino.prompts([longest])[0].ids) == 256
-    assert "expected up to 253 tokens" in grounding_dino.refuses(longest + " couch")
+    assert "expected up to 253 tokens" in grounding_dino.refusal(longest + " couch")
     with pytest.raises(PerceptionError, match="at most 253 tokens"):
         grounding_dino.prompts([longest + " couch"])

@@ -15,14 +15,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from surveilnav.perception.boxes import Boxes
-from surveilnav.perception.embedders.clip import Clip, square
+from surveilnav.perception.embedders.clip import Clip, crop_square
 from tests.torch import literal
 
 XYXY = np.array([[10, 10, 60, 50], [0, 0, 160, 120], [100, 5, 104, 115]], np.float32)
 
 
 @pytest.fixture(params=["clip", "siglip"])
-def embedder(request: pytest.FixtureRequest, folder_of: Callable[..., Path]) -> Clip:
+def load_embedder(request: pytest.FixtureRequest, folder_of: Callable[..., Path]) -> Clip:
     return Clip(folder_of(request.param), request.param)
 
 
@@ -96,7 +96,7 @@ def test_squares_hold_what_shows_of_their_box(x0: float, y0: float, width: float
     rows, columns = np.mgrid[0:120, 0:160]
     image = np.stack([rows, columns, np.full_like(rows, 255)], axis=2).astype(np.uint8)  # each pixel says where it is
     box = np.array([x0, y0, x0 + width, y0 + height], np.float32)
-    crop = square(image, box)
+    crop = crop_square(image, box)
     assert crop.shape[0] == crop.shape[1] >= 2
     shown = {(int(r), int(c)) for r, c, blue in crop.reshape(-1, 3) if blue == 255}
     low_x, high_x = np.clip([np.ceil(x0), np.floor(x0 + width) - 1], 0, 159)

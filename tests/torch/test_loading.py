@@ -17,12 +17,12 @@ from safetensors.torch import load_file, save_file
 from surveilnav.errors import PerceptionError
 from surveilnav.geometry import Pinhole
 from surveilnav.perception import parts
-from surveilnav.perception.backend import Work
+from surveilnav.perception.backend import ViewTask
 from surveilnav.perception.detectors.grounding_dino import GroundingDino
 from surveilnav.perception.embedders.clip import Clip
 from surveilnav.perception.protocols import RgbdView
 from surveilnav.perception.runtime import Runtime
-from surveilnav.perception.torch_model import TorchModel, device_named
+from surveilnav.perception.torch_model import TorchModel, find_device
 from surveilnav.simulator.truth.choose import choose_backend
 
 CAMERA = Pinhole.from_hfov(160, 120, 1.3)
@@ -68,18 +68,18 @@ def test_another_models_folder_is_refused(folder_of: Callable[..., Path], copied
     with pytest.raises(PerceptionError, match=r"expected a model of type grounding-dino or .*holds 'clip'"):
         GroundingDino(folder_of("clip"), "wrong")
     with pytest.raises(PerceptionError, match=r"expected a detector of grounding-dino, .* is 'clip'"):
-        parts.detector(str(folder_of("clip")), Runtime())
+        parts.load_detector(str(folder_of("clip")), Runtime())
     with pytest.raises(PerceptionError, match=r"expected an embedder of clip, .* is 'grounding-dino'"):
-        parts.embedder(str(copied), Runtime())
+        parts.load_embedder(str(copied), Runtime())
     (copied / "config.json").write_text("[]")
     with pytest.raises(PerceptionError, match=r"config.json should be a model's settings"):
-        parts.detector(str(copied), Runtime())
+        parts.load_detector(str(copied), Runtime())
 
 
 def test_an_unknown_name_is_refused_with_the_known_ones(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("SURVEILNAV_MODELS_DIR", str(tmp_path))
     with pytest.raises(PerceptionError, match=r"expected a model out of .*, or the path of a folder; got 'nobody'"):
-        parts.detector("nobody", Runtime(), download=False)
+        parts.load_detector("nobody", Runtime(), download=False)
 
 
 def test_without_torch_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch, folder_of: Callable[..., Path]) -> None:
@@ -87,15 +87,15 @@ def test_without_torch_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch, 
     for module in [name for name in sys.modules if name.startswith(("surveilnav.perception.embedders.clip", "surveilnav.perception.torch_model"))]:  # fmt: skip  # noqa: E501
         monkeypatch.delitem(sys.modules, module)
     with pytest.raises(PerceptionError, match=r"needs PyTorch .*pip install 'surveilnav\[perception-torch\]'"):
-        parts.embedder(str(folder_of("clip")), Runtime())
+        parts.load_embedder(str(folder_of("clip")), Runtime())
 
 
 def test_a_device_that_is_not_there_is_refused() -> None:
-    assert device_named("cpu") == torch.device("cpu")
-    assert device_named("auto").type in ("cpu", "cuda")
+    assert find_device("cpu") == torch.device("cpu")
+    assert find_device("auto").type in ("cpu", "cuda")
     for name in ("abacus", "cuda:99"):
         with pytest.raises(PerceptionError, match=f"expected a device out of auto, cpu, .*'{name}' can't be used"):
-            device_named(name)
+            find_device(name)
 
 
 def test_nothing_is_recorded_for_training() -> None:
@@ -105,13 +105,13 @@ def test_nothing_is_recorded_for_training() -> None:
 
 
 def test_other_weights_have_another_id(folder_of: Callable[..., Path], copied: Path) -> None:
-    before = parts.detector(str(copied), Runtime()).model
+    before = parts.load_detector(str(copied), Runtime()).model
     assert before.startswith("spoilt@")
-    assert before == parts.detector(str(copied), Runtime()).model
+    assert before == parts.load_detector(str(copied), Runtime()).model
     weights = load_file(copied / "model.safetensors")
     weights["model.text_projection.bias"] += 1
     save_file(weights, copied / "model.safetensors", metadata={"format": "pt"})
-    assert parts.detector(str(copied), Runtime()).model != before
+    assert parts.load_detector(str(copied), Runtime()).model != before
 
 
 def test_paper_runs_from_folders_in_the_models_directory(
@@ -129,15 +129,15 @@ def test_paper_runs_from_folders_in_the_models_directory(
     assert backend.vocabulary is None
     assert backend.models.embedder.startswith("my-clip@")
     depth_m = np.full((120, 160), 2.0, np.float32)
-    work = [Work(RgbdView(rgb, depth_m, CAMERA), ("couch", "fire extinguisher")) for rgb in pictures[:3]]
+    task = [ViewTask(RgbdView(rgb, depth_m, CAMERA), ("couch", "fire extinguisher")) for rgb in pictures[:3]]
     for stage in backend.stages:
-        stage.run(work)
-    for one in work:
-        assert one.seen is not None
-        assert one.seen.detections
-        assert {d.label for d in one.seen.detections} <= {"couch", "fire extinguisher"}
+        stage.run(task)
+    for one in task:
+        assert one.result is not None
+        assert one.result.detections
+        assert {d.label for d in one.result.detections} <= {"couch", "fire extinguisher"}
         alone = backend.perceive(one.view.rgb, depth_m, CAMERA, prompts=one.prompts)
-        np.testing.assert_allclose(alone.image_embedding, one.seen.image_embedding, atol=1e-5)
+        np.testing.assert_allclose(alone.image_embedding, one.result.image_embedding, atol=1e-5)
     assert backend.perceive(pictures[0], depth_m, CAMERA).detections == ()
 
 

@@ -18,7 +18,7 @@ from surveilnav.errors import PerceptionError
 from surveilnav.geometry import Pinhole
 from surveilnav.perception.protocols import RgbdView
 from surveilnav.perception.runtime import Runtime
-from surveilnav.perception.segmenters.mobile_sam import MobileSam, OnnxNetwork, framed
+from surveilnav.perception.segmenters.mobile_sam import MobileSam, OnnxNetwork, pad_to_square
 from surveilnav.perception.segmenters.sam2 import Sam2
 from surveilnav.sensing.views import box_cells
 from tests.torch import literal, tiny
@@ -29,7 +29,7 @@ KINDS: dict[str, tuple[Any, str]] = {"sam2": (Sam2, "sam2"), "mobile-sam": (Mobi
 
 
 @pytest.fixture(params=KINDS)
-def segmenter(request: pytest.FixtureRequest, folder_of: Callable[..., Path]) -> Any:
+def load_segmenter(request: pytest.FixtureRequest, folder_of: Callable[..., Path]) -> Any:
     kind, name = KINDS[request.param]
     return kind(folder_of(name), request.param)
 
@@ -95,7 +95,7 @@ def test_sam2_is_fed_a_stretched_picture_and_boxes_in_it(
 
 
 def test_mobile_sam_is_fed_a_picture_with_its_longer_side_made_whole(pictures: list[np.ndarray]) -> None:
-    picture, scale = framed(pictures[0], 128)
+    picture, scale = pad_to_square(pictures[0], 128)
     expected = literal.normalised(literal.resized(pictures[0], 96, 128, literal.triangle, 1.0), *literal.IMAGENET)
     np.testing.assert_allclose(picture[0, :, :96], expected, atol=1.01 / 255 / 0.224)
     assert not picture[0, :, 96:].any()
@@ -107,7 +107,7 @@ def test_mobile_sam_says_what_its_network_says_of_each_box(
 ) -> None:
     """The ONNX files against the network that they were made of, with the paper's steps after it written out."""
     (masks,) = MobileSam(folder_of("mobile_sam_onnx"), "tiny").segment([view(pictures[0])], [BOXES])
-    picture, _ = framed(pictures[0], 128)
+    picture, _ = pad_to_square(pictures[0], 128)
     sam = tiny.sam()
     boxes = torch.from_numpy(BOXES * 0.8)[None]
     with torch.inference_mode():

@@ -13,7 +13,7 @@ from surveilnav.perception.boxes import Boxes, overlaps
 from surveilnav.perception.detectors.grounding_dino import GroundingDino
 from surveilnav.perception.embedders.clip import Clip
 from surveilnav.perception.prompts import value_prompt
-from surveilnav.services.robot_node.core import CAMERA
+from surveilnav.robot_body import CAMERA
 from surveilnav.simulator.truth.choose import choose_backend
 from tests.torch.conftest import ROOM_TEXTS, WORDS
 from tests.torch.trained import Example, room_views

@@ -16,7 +16,7 @@ from transformers.models.grounding_dino.image_processing_pil_grounding_dino impo
 from transformers.models.grounding_dino.modeling_grounding_dino import build_label_maps, build_text_mask
 
 from surveilnav.geometry import Matrix4, Pinhole, camera_pose
-from surveilnav.perception.detectors.spans import Marks, prompts
+from surveilnav.perception.detectors.spans import SpecialTokens, build_prompts
 from surveilnav.robot_body import CAMERA_HEIGHT_M
 from surveilnav.simulator.render.renderer import Renderer
 from surveilnav.simulator.world.navigation import NavigationMap
@@ -77,7 +77,7 @@ def train_grounding_dino(folder: Path, shown: Sequence[Example], words: Sequence
     model = tiny.grounding_dino_model(len(tokenizer), auxiliary_loss=True).train()
     pixels = images([e.rgb for e in shown], return_tensors="pt")["pixel_values"]
     pieces = [tokenizer(word, add_special_tokens=False)["input_ids"] for word in words]
-    (prompt,) = prompts(pieces, Marks(101, 102, 1012), 256)
+    (prompt,) = build_prompts(pieces, SpecialTokens(101, 102, 1012), 256)
     ids = torch.from_numpy(prompt.ids)[None]
     labels = [_label(example, words) for example in shown]
     optimizer = torch.optim.AdamW(model.parameters(), lr=1e-3, weight_decay=1e-4)

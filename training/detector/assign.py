@@ -50,7 +50,7 @@ def pairwise_iou(a: Tensor, b: Tensor) -> Tensor:
 
 @torch.no_grad()
 def assign(logits: Tensor, boxes: Tensor, points: Tensor, targets: Targets) -> Assigned:
-    """Assigns the places of what the network said.
+    """Assigns the places of the network's output to objects.
 
     Args:
         logits: (B, L, C). boxes: (B, L, 4) that the places predict. points: (L, 2) of the places.

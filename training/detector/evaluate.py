@@ -23,13 +23,13 @@ import numpy as np
 
 from surveilnav.geometry import Pinhole
 from surveilnav.perception import models
-from surveilnav.perception.boxes import Boxes, merged, overlaps
+from surveilnav.perception.boxes import Boxes, merge_overlapping, overlaps
 from surveilnav.perception.detectors import coco
 from surveilnav.perception.detectors.compact import CompactNetwork
-from surveilnav.perception.detectors.onnx_file import session
+from surveilnav.perception.detectors.onnx_file import open_session
 from surveilnav.perception.models.card import Measured, card_of, save_card
-from surveilnav.perception.pipeline import Pipeline
-from surveilnav.perception.presets import Networks, onnx_coco
+from surveilnav.perception.pipeline import PipelineBackend
+from surveilnav.perception.presets import NetworkSettings, onnx_coco
 from surveilnav.perception.protocols import RgbdView
 from surveilnav.perception.runtime import Runtime
 from surveilnav.simulator.furniture.labels import TARGETS
@@ -70,9 +70,9 @@ class Tally:
         for name in self.names:
             mine = view.labels == known.index(name)
             scores = found.scores[:, words.index(name)] if name in words else np.zeros(len(found), np.float32)
-            said = scores > 0
+            reported = scores > 0
             self.by_class[name].add(
-                found.xyxy[said], scores[said], view.boxes[mine], view.areas[mine] >= self.min_pixels
+                found.xyxy[reported], scores[reported], view.boxes[mine], view.areas[mine] >= self.min_pixels
             )
 
     def mean(self, names: Sequence[str]) -> float:
@@ -83,7 +83,7 @@ class Tally:
 
 def mask_ious(network: CompactNetwork, view: TrainingView, min_pixels: int) -> Iterator[float]:
     """IoU of each counted target's mask inside its true box, by the place whose box of its class fits best."""
-    known, answer = classes.load().names, network.answer(sensed(view))
+    known, answer = classes.load().names, network.run(sensed(view))
     iou, _ = overlaps(view.boxes, answer.xyxy)
     for i, label in enumerate(view.labels.tolist()):
         if known[label] not in TARGETS or view.areas[i] < min_pixels:
@@ -101,7 +101,7 @@ class _Merged:
         self.name, self._network = network.name, network
 
     def detect(self, view: RgbdView) -> Boxes:
-        return merged(self._network.detect(view.rgb), _SAME_THING_IOU)
+        return merge_overlapping(self._network.detect(view.rgb), _SAME_THING_IOU)
 
 
 class _Pair:
@@ -110,8 +110,8 @@ class _Pair:
     name = "onnx-coco"
 
     def __init__(self, threads: int) -> None:
-        backend = onnx_coco(Networks(threads=threads, download=False), "to compare with")
-        assert isinstance(backend, Pipeline), "made of three parts"
+        backend = onnx_coco(NetworkSettings(threads=threads, download=False), "to compare with")
+        assert isinstance(backend, PipelineBackend), "made of three parts"
         self._detector = backend.detector
 
     def detect(self, view: RgbdView) -> Boxes:
@@ -150,8 +150,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--min-pixels", type=int, default=400)
     parser.add_argument("--card", action="store_true", help="write what is found into the card beside the network")
     args = parser.parse_args(argv)
-    own = CompactNetwork(session(args.network, Runtime(threads=args.threads)))
-    equal = CompactNetwork(session(args.network, Runtime(threads=args.threads)), side_px=_SIDE)
+    own = CompactNetwork(open_session(args.network, Runtime(threads=args.threads)))
+    equal = CompactNetwork(open_session(args.network, Runtime(threads=args.threads)), side_px=_SIDE)
     detectors: list[Finds] = [own, *(beside(name, args.threads) for name in args.beside)]
     packs = read_packs(args.views, own.classes)
     tallies: dict[tuple[str, str], Tally] = {}
@@ -184,7 +184,7 @@ def measured(
     own: str, tallies: Mapping[tuple[str, str], Tally], masks: Mapping[str, float], views: Mapping[str, int]
 ) -> dict[str, Measured]:
     """By kind of view, what the network called ``own`` found, and others beside it on the six goals. Of classes that have no
-    objects nothing is said."""
+    objects nothing is reported."""
     found = {}
     for kind, n in sorted(views.items()):
         tally = tallies[kind, own]

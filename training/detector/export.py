@@ -25,7 +25,7 @@ from torch import Tensor, nn
 
 from surveilnav.perception.detectors.depth_channels import N_CHANNELS
 from surveilnav.perception.models.card import Card, save_card
-from surveilnav.stored import replacing
+from surveilnav.storage import atomic_write
 from training.detector import classes
 from training.detector.network import Compact, Shape, n_parameters
 from training.detector.train import steps_of
@@ -42,15 +42,15 @@ class _OnePicture(nn.Module):
         self.network = network
 
     def forward(self, picture: Tensor, depth: Tensor) -> tuple[Tensor, ...]:
-        said = self.network(picture.permute(0, 3, 1, 2).float() / 255.0, depth.permute(0, 3, 1, 2))
+        output = self.network(picture.permute(0, 3, 1, 2).float() / 255.0, depth.permute(0, 3, 1, 2))
         return (
-            said.logits[0].sigmoid(),
-            said.ltrb[0],
-            said.coefficients[0],
-            said.embeddings[0],
-            said.prototypes[0],
-            said.image[0],
-            said.near[0].sigmoid(),
+            output.logits[0].sigmoid(),
+            output.ltrb[0],
+            output.coefficients[0],
+            output.embeddings[0],
+            output.prototypes[0],
+            output.image[0],
+            output.near[0].sigmoid(),
         )
 
 
@@ -81,7 +81,7 @@ def export(network: Compact, path: Path) -> int:
     }.items():
         entry = model.metadata_props.add()
         entry.key, entry.value = key, json.dumps(value)
-    with replacing(path) as file:
+    with atomic_write(path) as file:
         file.write(model.SerializeToString())
     return path.stat().st_size
 
@@ -102,7 +102,7 @@ def write_card(path: Path, network: Compact, steps: int, views_seen: int) -> Car
 def write_weights(path: Path, kept: dict[str, Any]) -> None:
     """Writes the mean weights of a checkpoint, in half precision, without what only the same run could go on with."""
     halved = {name: x.half() if x.dtype.is_floating_point else x for name, x in kept["mean"].items()}
-    with replacing(path) as file:
+    with atomic_write(path) as file:
         torch.save({"step": steps_of(kept), "shape": kept["shape"], "mean": halved}, file)
 
 

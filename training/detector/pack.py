@@ -1,4 +1,4 @@
-"""Packed views: a file a building, whole or not there (``surveilnav.stored``).
+"""Packed views: a file a building, whole or not there (``surveilnav.storage``).
 
 Parts: a table in JSON, then for each view its picture (WebP), its ids (WebP without loss) and its depth (as sensors send it).
 Depth is noisy, so it takes ten times what the rest takes.
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from surveilnav.errors import PerceptionError
 from surveilnav.sensing.packing import decode_depth, encode_depth
-from surveilnav.stored import read_parts, write_parts
+from surveilnav.storage import read_parts, write_parts
 from training.detector.poses import Kind
 from training.detector.views import DEPTH_RANGE_M, TrainingView
 

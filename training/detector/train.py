@@ -22,7 +22,7 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from surveilnav.stored import replacing
+from surveilnav.storage import atomic_write
 from training.detector import classes
 from training.detector.assign import Targets
 from training.detector.curve import draw_curve
@@ -122,7 +122,7 @@ class Training:
             "mean": self.mean.state_dict(),
             "optimiser": self.optimiser.state_dict(),
         }
-        with replacing(self.checkpoint) as file:
+        with atomic_write(self.checkpoint) as file:
             torch.save(kept, file)
 
     def run(self, until: int | None = None) -> None:
@@ -156,9 +156,9 @@ class Training:
             group["lr"] = self.plan.rate_at(self.step)
         self.network.train()
         with torch.autocast(self.device.type, torch.bfloat16, enabled=self.plan.bf16):
-            said = self.network(batch.pictures.float() / 255.0, batch.depth)
+            output = self.network(batch.pictures.float() / 255.0, batch.depth)
         points, _ = places(batch.pictures.shape[2], batch.pictures.shape[3], self.device)
-        parts = losses(said, points, batch)
+        parts = losses(output, points, batch)
         loss = torch.stack([WEIGHTS[name] * part for name, part in parts.items()]).sum()
         self.optimiser.zero_grad(set_to_none=True)
         loss.backward()  # type: ignore[no-untyped-call]

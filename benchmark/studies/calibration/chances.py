@@ -150,7 +150,9 @@ def fit(rows: Judged, source: str = "") -> ChanceTable:
 
 def chances_of(table: ChanceTable, rows: Judged) -> Floats:
     """(N,) the table's chances."""
-    return np.array([table.of_features(label, x) for label, x in zip(rows.label.tolist(), rows.x, strict=True)])
+    return np.array(
+        [table.chance_from_features(label, x) for label, x in zip(rows.label.tolist(), rows.x, strict=True)]
+    )
 
 
 def left_out(rows: Judged) -> Floats:

@@ -15,7 +15,7 @@ import numpy as np
 
 from surveilnav.benchmark.play.sight import SeenView, Sight
 from surveilnav.perception.backend import Backend
-from surveilnav.services.robot_node.core import RobotState
+from surveilnav.robot_state import RobotState
 from surveilnav.simulator.simulation import SimulatedBuilding
 from surveilnav.simulator.world.navigation import NavigationMap
 

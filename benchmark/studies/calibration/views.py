@@ -17,12 +17,12 @@ from surveilnav.perception.boxes import overlaps
 from surveilnav.perception.embedders import class_space
 from surveilnav.perception.embedders.class_space import ClassSpace
 from surveilnav.perception.vocabulary import COCO, Vocabulary
-from surveilnav.sensing.views import Detected, TrueInstances, box_cells
+from surveilnav.sensing.views import DetectedObject, TrueInstances, box_cells
 from surveilnav.simulator.simulation import SimulatedBuilding
 from surveilnav.simulator.truth.backends import Simulated
 from surveilnav.simulator.truth.error_model import ErrorModel, Floats, sights
 from surveilnav.simulator.truth.visible import Candidates, Place, VisibleThing, candidates, measured, world_points
-from surveilnav.stored import read_parts, write_parts
+from surveilnav.storage import read_parts, write_parts
 
 MIN_SIZE_RAD = 0.02
 _NO_PICTURE = np.zeros((0, 0, 3), np.uint8)
@@ -98,7 +98,7 @@ def measured_views_of(
     """Adds to the views of a building what they truly show, in the words of the detector's ``vocabulary``."""
     views = [_measured(s, building) for s in seen if s.perception is not None]
     labels = building.scene.truth_labels
-    own = {id_: said for id_, label in labels.items() if (said := vocabulary.name_of(label))}
+    own = {id_: said for id_, label in labels.items() if (said := vocabulary.exact_name(label))}
     return MeasuredViews(name, measured(labels) | own, views)
 
 
@@ -127,7 +127,7 @@ def _measured(seen: SeenView, building: SimulatedBuilding) -> MeasuredView:
 
 
 def _found(
-    d: Detected, depth_m: NDArray[np.float32], ids: NDArray[np.uint16], scale: int = 1, is_of_classes: bool = True
+    d: DetectedObject, depth_m: NDArray[np.float32], ids: NDArray[np.uint16], scale: int = 1, is_of_classes: bool = True
 ) -> MeasuredDetection:
     x0, y0, x1, y1 = box_cells(d.box_px, depth_m.shape[1], depth_m.shape[0])
     under_ids = ids[y0:y1, x0:x1][d.mask if d.mask is not None else slice(None)].ravel()

@@ -1,1 +1,2 @@
-"""Where a camera's pictures come from: the protocol ``Source`` (``source``), and a simulated building (``simulated``)."""
+"""Where a camera's pictures come from: the protocol ``Source`` (``source``), a simulated building (``simulated``), and the
+wrapper that hides mask zones (``masked``)."""

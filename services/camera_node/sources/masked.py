@@ -1,4 +1,4 @@
-"""A source whose mask zones are painted over before anybody gets a picture: the camera itself doesn't see them."""
+"""Hides the mask zones of a source before anything else gets its pictures, the camera's own detector included."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from surveilnav.services.camera_node.sources.source import Picture, Source
 from surveilnav.services.camera_node.zones import Zones, masked_pixels, read_zones
 
 
-def masked(source: Source, settings: CameraSettings) -> Source:
-    """``source`` without what the settings' file of zones names; itself where that is nothing.
+def hide_mask_zones(source: Source, settings: CameraSettings) -> Source:
+    """``source`` without the zones that ``settings.masks`` lists for it; ``source`` itself if there are none.
 
     Raises:
-        ConfigError: the file can't be read or believed: then the camera must show nothing at all.
+        ConfigError: the file can't be read or is ambiguous. The camera must not start then.
     """
     if not settings.masks:
         return source
@@ -27,41 +27,41 @@ def masked(source: Source, settings: CameraSettings) -> Source:
 
 
 class MaskedSource:
-    """A ``Source``: colour, depth and truth inside the zones are gone. What is there isn't free, it is unknown."""
+    """A ``Source`` without colour, depth and truth inside its zones. Maps treat these pixels as unknown, not as free."""
 
     def __init__(self, source: Source, zones: Zones) -> None:
         self._source, self.zones = source, zones
         self.place, self.views = source.place, source.views
         self.intrinsics, self.depth_range_m = source.intrinsics, source.depth_range_m
-        self._pixels: dict[tuple[int, int, int], NDArray[np.bool_]] = {}
+        self._masks: dict[tuple[int, int, int], NDArray[np.bool_]] = {}
 
     def version(self, view: int) -> int | None:
-        """The source's own."""
+        """The version of the unmasked picture: zones don't change while the camera runs."""
         return self._source.version(view)
 
     def content(self, view: int) -> str:
-        """The source's own, and the view's zones."""
+        """A hash of the source's content and the view's zones."""
         content = self._source.content(view)
         if not content or view not in self.zones:
             return content
         return hashlib.sha256(repr((content, self.zones[view])).encode()).hexdigest()
 
     def latest(self, view: int) -> Picture:
-        """The picture with its zones black, without depth, without instances."""
+        """The picture with its zones painted black, and without depth and instances there."""
         picture = self._source.latest(view)
         if view not in self.zones:
             return picture
-        hidden = self._hidden(view, *picture.rgb.shape[:2])
+        mask = self._mask(view, *picture.rgb.shape[:2])
         truth = picture.truth
         return replace(
             picture,
-            rgb=np.where(hidden[..., None], np.uint8(0), picture.rgb),
-            depth_m=np.where(hidden, np.float32(0.0), picture.depth_m),
-            truth=None if truth is None else replace(truth, ids=np.where(hidden, np.uint16(0), truth.ids)),
+            rgb=np.where(mask[..., None], np.uint8(0), picture.rgb),
+            depth_m=np.where(mask, np.float32(0.0), picture.depth_m),
+            truth=None if truth is None else replace(truth, ids=np.where(mask, np.uint16(0), truth.ids)),
         )
 
-    def _hidden(self, view: int, height_px: int, width_px: int) -> NDArray[np.bool_]:
+    def _mask(self, view: int, height_px: int, width_px: int) -> NDArray[np.bool_]:
         key = view, height_px, width_px
-        if key not in self._pixels:
-            self._pixels[key] = masked_pixels(self.zones[view], width_px, height_px)
-        return self._pixels[key]
+        if key not in self._masks:
+            self._masks[key] = masked_pixels(self.zones[view], width_px, height_px)
+        return self._masks[key]

@@ -1,4 +1,4 @@
-"""A camera in a simulated building: its views are rendered, or come from the cache."""
+"""A camera in a simulated building: its views are rendered, or read from the cache of rendered views."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from surveilnav.simulator.simulation import CAMERA_DEPTH_RANGE_M, SimulatedBuild
 
 
 class SimulatedSource:
-    """A ``Source``: one camera of a simulated building's plan."""
+    """A ``Source``: one camera of a simulated building's camera plan."""
 
     def __init__(self, building: SimulatedBuilding, camera: PlannedCamera) -> None:
         plan = building.plan
@@ -28,11 +28,11 @@ class SimulatedSource:
         return 0
 
     def content(self, view: int) -> str:
-        """All that a rendered view depends on is known."""
+        """A hash of scene, pose and rendering settings."""
         return self._building.camera_content(self._camera, view)
 
     def latest(self, view: int) -> Picture:
-        """The view with its instance ids, from the cache if it was rendered before."""
+        """The view with its instance ids."""
         rendered = self._building.camera_view(self._camera, view)
         truth = TrueInstances(rendered.instance_ids, self._labels, self.views[view].matrix())
         return Picture(0, rendered.rgb, rendered.depth_m, truth)

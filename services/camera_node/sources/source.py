@@ -1,4 +1,4 @@
-"""What a camera node knows of its camera, whatever makes the pictures."""
+"""The interface between the camera node and its camera, whatever makes the pictures."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from surveilnav.sensing.views import TrueInstances
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where a camera hangs: ``position_m`` (x, y, z) in the world, ``mounting_offset_m`` above its floor."""
+    """Where a camera is mounted: at ``position_m`` (x, y, z) in the world, ``mounting_offset_m`` above its floor."""
 
     name: str
     floor: str
@@ -28,10 +28,10 @@ class Picture:
     """What one view shows.
 
     Attributes:
-        version: the same number means the same picture.
+        version: changes with the picture; the same number means the same picture.
         rgb: (height, width, 3) uint8.
         depth_m: (height, width) float32 [m] along the optical axis, registered; 0 or NaN where there is none.
-        truth: what each pixel shows: a simulator knows, a real camera never does.
+        truth: which instance each pixel shows. Only simulated cameras know; None for a real one.
     """
 
     version: int
@@ -44,10 +44,10 @@ class Source(Protocol):
     """One camera; safe to use from several threads.
 
     Attributes:
-        place: where it hangs.
+        place: where it is mounted.
         views: ``T_world_camera`` of each view; a fixed camera has one.
-        intrinsics: of every view, colour and depth alike.
-        depth_range_m: (nearest, farthest) that it measures.
+        intrinsics: of every view, for colour and depth alike.
+        depth_range_m: (nearest, farthest) depth that it measures.
     """
 
     place: Place
@@ -56,7 +56,7 @@ class Source(Protocol):
     depth_range_m: tuple[float, float]
 
     def version(self, view: int) -> int | None:
-        """The version of a view's latest picture, without making it; None: there is none yet."""
+        """The version of a view's latest picture, without making the picture; None if there is none yet."""
         ...
 
     def latest(self, view: int) -> Picture:
@@ -64,8 +64,8 @@ class Source(Protocol):
         ...
 
     def content(self, view: int) -> str:
-        """A hash of all that a view's latest picture depends on, without making it, the same in every run.
+        """A hash of all that a view's latest picture depends on, without making the picture; the same in every run.
 
-        Empty: nobody knows, as of a real camera; then nothing that is made of its pictures is kept between runs.
+        Empty if that isn't known, as for a real camera: then nothing computed from its pictures is kept between runs.
         """
         ...

@@ -1,7 +1,7 @@
-"""The maps of one floor at one moment, in one answer: all that a planner decides on.
+"""Answers about all maps of one floor at one moment, which is everything that a planner decides on.
 
-Whoever asks says which revision it has, and gets what changed since: the layers that differ, and the objects to which
-something happened. Everything in an answer is read under one lock, so that no decision mixes two revisions.
+The client says which revision it has and gets what has changed since: the layers that differ, and the objects with new events.
+Everything in an answer is read under one lock, so that no decision mixes two revisions.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ from surveilnav.sensing.packing import pack_array
 from surveilnav.services.fusion.answers.reader import MapReader
 from surveilnav.services.fusion.answers.revisions import Revisions
 
-_MAX_LAYERS = 256  # of floors and targets, of which the last answer is remembered
+_MAX_LAYERS = 256  # of which the last answer is kept, over all floors and targets
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _AnsweredLayer:
-    """A layer as it was last answered.
+    """A layer as it was last sent.
 
     Attributes:
-        changed_at: revision since which it has been so.
-        newest_at: revision at which it was last answered.
+        changed_at: the revision since which it hasn't changed, as far as is known.
+        newest_at: the newest revision of which it was sent.
     """
 
     grid: Grid
@@ -43,7 +43,7 @@ class _AnsweredLayer:
 
 
 class FloorMapsAnswers:
-    """Called from the threads that serve queries."""
+    """Answers queries for the maps of a floor. Thread-safe."""
 
     def __init__(self, reader: MapReader, revisions: Revisions) -> None:
         self._reader, self._maps, self._revisions = reader, reader.maps, revisions
@@ -53,8 +53,8 @@ class FloorMapsAnswers:
     def floor_maps(self, request: Request) -> Answer:
         """The maps of a floor.
 
-        Parameters: ``target``: of the value layer. ``epoch`` and ``since``: the epoch and the revision that the asker has;
-        without them, or where the epoch is another one, it gets everything.
+        Parameters: ``target`` of the value layer; ``epoch`` and ``since``, the epoch and the revision that the client has.
+        Without these two, or if its epoch is another one, it gets everything.
         """
         floor, target = request.ids.get("floor"), request.parameters.get("target", "")
         if floor is None:
@@ -62,7 +62,7 @@ class FloorMapsAnswers:
         text = self._reader.embedding(target, value_prompt(target))
         try:
             self._reader.build_value(floor, text)
-            # one moment: nothing is integrated between these lines
+            # all of one moment: nothing is integrated between these lines
             with self._maps.lock:
                 joint, epoch = self._reader.joint_of(floor), self._maps.epoch
                 since = _since(request, epoch)
@@ -98,9 +98,10 @@ class FloorMapsAnswers:
         revision: int,
         since: int,
     ) -> tuple[list[LayerPart], bytes]:
-        """The layers that differ from what they were at revision ``since``, and their bytes, one after the other.
+        """The layers that have changed since revision ``since``, and their concatenated bytes.
 
-        ``key``: epoch, floor, and what the value layer was made for.
+        Args:
+            key: epoch, floor, and the model and target of the value layer.
         """
         parts, payload = [], b""
         with self._lock:
@@ -115,13 +116,13 @@ class FloorMapsAnswers:
     def _update(
         self, key: tuple[str, str, str, str], grid: Grid, array: NDArray[np.generic], revision: int
     ) -> tuple[_AnsweredLayer, bool]:
-        """Compares a layer with its last answer, and remembers it.
+        """Compares a layer with what was last sent of it, and keeps it for the next comparison.
 
         Returns:
-            The layer with the revision at which it changed last, and whether nothing is known of what it was before.
+            The layer with the revision at which it last changed, and whether nothing is known of what it was before.
         """
         last = self._answered.get(key)
-        if last is not None and last.newest_at > revision:  # another thread has answered with a newer one meanwhile
+        if last is not None and last.newest_at > revision:  # meanwhile, another thread has sent a newer one
             return _AnsweredLayer(grid, array, pack_array(array), revision, revision), True
         is_value = array.dtype.kind == "f"
         if last is not None and last.grid == grid and np.array_equal(last.array, array, equal_nan=is_value):
@@ -136,8 +137,8 @@ class FloorMapsAnswers:
 
 
 def _since(request: Request, epoch: str) -> int:
-    """The revision that the asker has; -1 if it has none of this epoch."""
-    said = request.parameters.get("since", "")
-    if request.parameters.get("epoch") != epoch or not (said.isascii() and said.isdigit() and len(said) <= 16):
+    """The revision that the client has; -1 if it has none of this epoch."""
+    text = request.parameters.get("since", "")
+    if request.parameters.get("epoch") != epoch or not (text.isascii() and text.isdigit() and len(text) <= 16):
         return -1
-    return int(said)
+    return int(text)

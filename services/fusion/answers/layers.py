@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Literal, cast
 
 from surveilnav.bus import Answer, Node, Refused, Request, clock_ns
-from surveilnav.messages import DEFAULT_LAYERS, LayerHeader
+from surveilnav.messages import LAYERS, LayerHeader
 from surveilnav.messages.maps import LayerName
 from surveilnav.perception.prompts import value_prompt
 from surveilnav.sensing.packing import pack_array
@@ -15,7 +15,7 @@ DType = Literal["uint8", "float32", "int64"]
 
 
 class LayerAnswers:
-    """Called from the threads that serve queries."""
+    """Answers queries for single layers. Thread-safe."""
 
     def __init__(self, node: Node, reader: MapReader) -> None:
         self._node, self._reader, self._maps = node, reader, reader.maps
@@ -23,8 +23,8 @@ class LayerAnswers:
     def layer(self, request: Request) -> Answer:
         """One layer of a floor; the value layer is that of the target in the parameter ``target``."""
         floor, layer, target = request.ids.get("floor"), request.ids.get("layer"), request.parameters.get("target", "")
-        if floor is None or layer not in DEFAULT_LAYERS:
-            raise Refused("unknown_layer", f"ask for map/FLOOR/LAYER, with a layer of {', '.join(DEFAULT_LAYERS)}")
+        if floor is None or layer not in LAYERS:
+            raise Refused("unknown_layer", f"ask for map/FLOOR/LAYER, with a layer of {', '.join(LAYERS)}")
         text = self._reader.embedding(target, value_prompt(target)) if layer == "value" else None
         try:
             if text is not None:

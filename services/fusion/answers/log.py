@@ -1,4 +1,4 @@
-"""Answers that let others make the same maps again: the log of views, and a snapshot of the maps."""
+"""Answers about the log of views, and snapshots of the maps. With them, others can make the same maps again."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ _PIECE_BYTES = 8 << 20
 
 
 class LogAnswers:
-    """Called from the threads that serve queries."""
+    """Answers queries for logged views and snapshots. Thread-safe."""
 
     def __init__(self, maps: BuildingMaps, log: MapLog) -> None:
         self._config, self._maps, self._log = maps.joint.config.model_dump_json(), maps, log
         self._lock = threading.Lock()
-        self._snapshot: tuple[MapSnapshot, bytes] | None = None  # of which somebody still fetches pieces
+        self._snapshot: tuple[MapSnapshot, bytes] | None = None  # that a client is still fetching in pieces
 
     def view(self, request: Request) -> Answer:
         """The first integrated view in the log after number ``after``."""
@@ -47,7 +47,11 @@ class LogAnswers:
         return Answer(view, e.payload)
 
     def snapshot(self, request: Request) -> Answer:
-        """A snapshot of the maps as they are now, from its first piece on; the other pieces of it with ``number``."""
+        """A piece of a snapshot of the maps.
+
+        Parameters: ``offset`` in bytes; 0 makes a new snapshot of the maps as they are now. Further pieces need the ``number`` of
+        that snapshot. ``only=digest``: its digest alone, without any piece.
+        """
         if request.parameters.get("only") == "digest":
             return Answer(self._header(self._maps.freeze()))
         offset = _number(request, "offset")
@@ -75,8 +79,8 @@ class LogAnswers:
 
 
 def _number(request: Request, name: str) -> int:
-    """A parameter that is a number from 0 on, 0 if it isn't there."""
-    said = request.parameters.get(name, "0")
-    if not (said.isascii() and said.isdigit() and len(said) <= 16):
-        raise Refused("bad_number", f"expected {name}=NUMBER, from 0 on, got {said!r:.40}")
-    return int(said)
+    """A parameter that is a non-negative number; 0 if it is missing. Refused: bad_number."""
+    text = request.parameters.get(name, "0")
+    if not (text.isascii() and text.isdigit() and len(text) <= 16):
+        raise Refused("bad_number", f"expected {name}=NUMBER, from 0 on, got {text!r:.40}")
+    return int(text)

@@ -1,4 +1,4 @@
-"""Answers about objects, their histories, and the pictures that they were seen in."""
+"""Answers about objects, their histories, and the pictures in which they were seen."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from surveilnav.services.fusion.map_log.store import StoreError
 
 
 class ObjectAnswers:
-    """Called from the threads that serve queries."""
+    """Answers queries for objects and for pictures. Thread-safe."""
 
     def __init__(self, reader: MapReader, log: MapLog) -> None:
         self._reader, self._log = reader, log
@@ -23,14 +23,14 @@ class ObjectAnswers:
     def objects(self, request: Request) -> list[Answer]:
         """The objects of one floor or of all.
 
-        Parameters: ``object=ID``: only that one. With it, or with ``history=all``: everything that happened to each.
-        ``text=...``: how well each fits, by its embedding. ``detail=brief``: without points and events.
+        Parameters: ``object=ID`` selects one object. With it, or with ``history=all``, objects have all their events.
+        ``text=...`` adds the relevance of each object to a text. ``detail=brief`` leaves out points and events.
         """
         floor, wanted = request.ids.get("floor"), request.parameters.get("object", "")
         if wanted and not (wanted.isascii() and wanted.isdigit() and floor is not None):
             raise Refused("unknown_object", "ask objects/FLOOR?object=ID, ID a number")
-        said = request.parameters.get("text")
-        text = None if said is None else self._reader.embedding(said, said)
+        query = request.parameters.get("text")
+        text = None if query is None else self._reader.embedding(query, query)
         answers = []
         for name, objects, revision in self._objects_of(floor, text):
             if wanted:
@@ -46,9 +46,9 @@ class ObjectAnswers:
         return answers
 
     def picture(self, request: Request) -> Answer:
-        """A picture that was integrated, while the log has it."""
-        asked = request.parameters
-        source, numbers = asked.get("source", ""), [asked.get("view", ""), asked.get("seq", "")]
+        """The picture of an integrated view, as long as the log has it."""
+        given = request.parameters
+        source, numbers = given.get("source", ""), [given.get("view", ""), given.get("seq", "")]
         if not all(n.isascii() and n.isdigit() and len(n) <= 18 for n in numbers):
             raise Refused("unknown_picture", "ask view_picture/FLOOR?source=SOURCE;view=N;seq=N")
         view, seq = map(int, numbers)
@@ -61,7 +61,7 @@ class ObjectAnswers:
         return Answer(ViewPicture(stamp_ns=clock_ns(), source=source, view=view, seq=seq), jpeg)
 
     def _objects_of(self, floor: str | None, text: TextEmbedding | None) -> list[tuple[str, list[ObjectRecord], int]]:
-        """(floor, its objects, its revision) of one floor, or of all."""
+        """(floor, its objects, its revision) of one floor or of all."""
         maps = self._reader.maps
         with maps.lock:
             found = []
@@ -79,7 +79,7 @@ class ObjectAnswers:
             history = self._log.object_history(record.floor, record.id)
         except StoreError as error:
             raise Refused("store_down", f"the whole history can't be read: {error}") from error
-        # after trouble with the file, or once its oldest events went, the record may know more
+        # after errors of the file, or once its oldest events were dropped, the record may have more events
         if not history or (record.history and record.history[0] not in history):
             return record
         return msgspec.structs.replace(record, history=history)

@@ -1,4 +1,4 @@
-"""What all answers about the maps share: the maps of a floor, and what words mean."""
+"""What all answers about the maps share: the maps of a floor, and embeddings of texts."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from surveilnav.bus import Refused
 from surveilnav.errors import BusError, PerceptionError
 from surveilnav.services.fusion.building_maps import BuildingMaps
 from surveilnav.services.fusion.core import JointMap
-from surveilnav.services.fusion.intake.robot_places import RobotPlaces
+from surveilnav.services.fusion.intake.robot_positions import RobotPositions
 from surveilnav.services.fusion.intake.texts import TextEmbedding, TextEncoder
 
 _MAX_TEXT_CHARS = 200
@@ -15,24 +15,24 @@ _MAX_TEXT_CHARS = 200
 class MapReader:
     """Reads the maps for the threads that answer queries."""
 
-    def __init__(self, maps: BuildingMaps, texts: TextEncoder, places: RobotPlaces) -> None:
+    def __init__(self, maps: BuildingMaps, texts: TextEncoder, positions: RobotPositions) -> None:
         self.maps = maps
-        self._texts, self._places = texts, places
+        self._texts, self._positions = texts, positions
 
     def joint_of(self, floor: str) -> JointMap:
-        """The joint maps for questions about a floor. The caller holds ``maps.lock``.
+        """The joint maps for queries about a floor. The caller holds ``maps.lock``.
 
-        Where a robot stands on a floor whose views were all refused, these are empty maps of that floor.
+        If a robot is on a floor whose views were all refused so far, these are empty maps of that floor.
         """
-        joint, place = self.maps.joint, self._places.on(floor)
+        joint, position = self.maps.joint, self._positions.latest_on(floor)
         processed = any(last.floor == floor for last in list(self.maps.processed.robots.values()))
-        if joint.knows(floor) or place is None or not processed:
+        if joint.knows(floor) or position is None or not processed:
             return joint
-        return JointMap.unseen(floor, place.z_m, (place.x_m, place.y_m), joint.config)
+        return JointMap.unseen(floor, position.z_m, (position.x_m, position.y_m), joint.config)
 
-    def embedding(self, said: str, prompt: str) -> TextEmbedding:
-        """The embedding of a prompt that contains what somebody said. Refused: bad_target, perception_down, or by a worker."""
-        if not 1 <= len(said) <= _MAX_TEXT_CHARS:
+    def embedding(self, text: str, prompt: str) -> TextEmbedding:
+        """The embedding of a prompt that contains a client's text. Refused: bad_target, perception_down, or by a worker."""
+        if not 1 <= len(text) <= _MAX_TEXT_CHARS:
             raise Refused(
                 "bad_target", f"say what is looked for in 1 to {_MAX_TEXT_CHARS} characters: target=… or text=…"
             )
@@ -42,11 +42,11 @@ class MapReader:
             raise
         except (BusError, PerceptionError) as error:
             raise Refused(
-                "perception_down", f"nothing tells what {said!r} means without perception: {error}"
+                "perception_down", f"nothing tells what {text!r} means without perception: {error}"
             ) from error
 
     def build_value(self, floor: str, text: TextEmbedding) -> None:
-        """Makes the value layer of a new target ready, which takes every view that is kept, while the maps go on.
+        """Builds the value layer of a new target from all views that are kept, while the maps may change.
 
         KeyError: no such floor.
         """

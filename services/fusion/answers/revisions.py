@@ -14,7 +14,7 @@ from surveilnav.services.fusion.intake.intake import ViewIntake
 from surveilnav.services.fusion.map_log.log import MapLog
 
 _HEARTBEAT_S = 1.0
-_MAX_FAULTS = 3  # named in a revision's message
+_MAX_FAULTS = 3  # that are listed in a revision's message
 
 
 class Revisions:
@@ -27,7 +27,7 @@ class Revisions:
         self._published: dict[str, tuple[Revision, float]] = {}
 
     def publish(self) -> None:
-        """Publishes the revision of each floor if it changed, and once a second for those who came late."""
+        """Publishes the revision of each floor when it has changed, and once a second for clients that join late."""
         now_s = time.monotonic()
         for floor, (z_m, number) in sorted(self._floors().items()):
             revision = self._revision(floor, z_m, number)
@@ -41,12 +41,12 @@ class Revisions:
             self._publishers[floor].put(revision)
 
     def pending_views(self, floor: str) -> int:
-        """Views of a floor's cameras that are still to come, by its latest revision; 0 if there is none. From any thread."""
+        """The number of views of a floor's cameras that are still to come, by its latest revision. Safe from any thread."""
         revision, _ = self._published.get(floor, (None, 0.0))
         return revision.pending_views if revision is not None else 0
 
     def answer(self, request: Request) -> list[Answer]:
-        """The revisions last published, of one floor or of all."""
+        """The latest published revision of one floor or of all."""
         floor = request.ids.get("floor")
         revisions = [revision for revision, _ in list(self._published.values()) if floor in (None, revision.floor)]
         if not revisions and floor is not None:
@@ -54,14 +54,14 @@ class Revisions:
         return [Answer(revision, ids={"floor": revision.floor}) for revision in revisions]
 
     def _floors(self) -> dict[str, tuple[float, int]]:
-        """Altitude [m] and revision by floor: those of the maps, and where a robot stands and nothing was integrated."""
+        """Altitude [m] and revision of each floor of the maps, and of each where a robot is but nothing was integrated yet."""
         joint = self._maps.joint
         with self._maps.lock:
             floors = {name: (z_m, joint.floor_revision(name)) for name, z_m in joint.floors.items()}
-        for name, place in self._intake.places.items():
-            known = any(same_floor(place.z_m, z_m, self._tau_z_m) for z_m, _ in floors.values())
+        for name, position in self._intake.positions.items():
+            known = any(same_floor(position.z_m, z_m, self._tau_z_m) for z_m, _ in floors.values())
             if not known and name not in floors:
-                floors[name] = place.z_m, 0
+                floors[name] = position.z_m, 0
         return floors
 
     def _revision(self, floor: str, z_m: float, number: int) -> Revision:
@@ -83,7 +83,7 @@ class Revisions:
         )
 
     def _camera_use(self, floor_z_m: float) -> tuple[list[CameraUse], int]:
-        """The invoked cameras of a floor (eq. 1), and the number of their views that are still to come."""
+        """The active cameras of a floor (eq. 1), and the number of their views that are still to come."""
         uses, pending = [], 0
         for name in active_cameras([floor_z_m], [c.info for c in self._intake.cameras.values()], self._tau_z_m):
             camera = self._intake.cameras[name]
@@ -94,6 +94,6 @@ class Revisions:
 
 
 def _content(revision: Revision) -> tuple[object, ...]:
-    """What makes a revision worth publishing: everything but its stamp."""
+    """What must differ for a revision to be published: everything but its stamp."""
     r = revision
     return r.revision, r.robots, r.cameras, r.pending_views, r.perception_ok, r.message

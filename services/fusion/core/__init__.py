@@ -1,10 +1,10 @@
 """The joint maps: pure functions of views and of what perception found in them.
 
-joint_map   one view into the maps of its floor, step by step: the only class that the service calls
-views/      before the maps: validation, invocation (eq. 1), the order in which views are perceived
-maps/       a floor's geometry (cloud, carving, obstacle, explored and frontier grids) and its value map (eq. 2)
-objects/    the object map: detections located, associated (eq. 3), fused and confirmed
-snapshot    all of it as bytes
+joint_map   integrates views into the maps of their floors; the only class that the service calls
+views/      validation, camera invocation (eq. 1), and the order in which views are perceived
+maps/       a floor's geometry (point cloud, carving, obstacle, exploration and frontier maps) and its value map (eq. 2)
+objects/    the object map: detections are located, associated (eq. 3) and fused, and objects are confirmed
+snapshot    the joint maps as bytes
 config      every number, and the preset ``paper``
 warm_up     compiles the inner loops before a robot waits for them
 """

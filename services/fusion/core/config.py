@@ -1,4 +1,4 @@
-"""Every number of the joint maps. Metres, radians, counts; where it says so, the paper's or a peer's value."""
+"""Every number of the joint maps, in metres, radians and counts. Descriptions name the source where a value is a paper's."""
 
 from __future__ import annotations
 
@@ -20,68 +20,97 @@ class _Part(BaseModel):
 class MapConfig(_Part):
     """Point cloud, obstacle map, exploration map and frontiers of a floor."""
 
-    tau_z_m: float = Field(default=0.4, gt=0, description="eq. 1: a view this near to a floor's altitude belongs to it")
+    tau_z_m: float = Field(
+        default=0.4, gt=0, description="tau_z of eq. 1: a view within this of a floor's altitude belongs to that floor"
+    )
     release_z_m: float = Field(
-        default=0.6, gt=0, description="an active camera stays so within this, so that a robot on a stair doesn't flap"
+        default=0.6,
+        gt=0,
+        description="an active camera stays so within this of a robot's floor, against flapping while the robot is on a stair",
     )
     stair_step_m: float = Field(
-        default=0.6, gt=0, description="a robot whose altitude changes by less a view is climbing; by more, it arrived"
+        default=0.6,
+        gt=0,
+        description="a robot whose altitude changes by less from view to view is climbing; by more, it has been moved",
     )
-    level_m: float = Field(
-        default=1.0, gt=0, description="a robot that went so far on one level isn't on a stair but on a floor"
+    new_floor_distance_m: float = Field(
+        default=1.0, gt=0, description="a robot that has moved this far at one altitude is on a floor, not on a stair"
     )
-    level_views: int = Field(default=8, ge=1, description="... or looked so often from it, under a new floor name")
+    new_floor_views: int = Field(
+        default=8, ge=1, description="... or has taken this many views there, under a floor name that is new"
+    )
     resolution_m: float = Field(default=0.05, gt=0, description="side of a cell of all 2D maps")
-    extent_m: float = Field(default=24.0, gt=0, description="side of a new map; maps grow")
+    extent_m: float = Field(default=24.0, gt=0, description="side of a new map; maps grow as needed")
     max_extent_m: float = Field(
-        default=150.0, gt=0, description="a map never grows past this: remote poses are hostile"
+        default=150.0,
+        gt=0,
+        description="views that would make a map larger are refused, since a remote pose may be anything",
     )
-    max_floors: int = Field(default=64, ge=1, description="a view that would make one more is refused")
+    max_floors: int = Field(default=64, ge=1, description="views that would make more floors are refused")
     voxel_m: float = Field(default=0.025, gt=0, description="side of a voxel of the point cloud and of objects")
     max_voxels: int = Field(
-        default=2_000_000, ge=1, description="of a floor's cloud; beyond it new voxels are counted, not kept"
+        default=2_000_000,
+        ge=1,
+        description="voxels of a floor's cloud; beyond it, points in new voxels are dropped and counted",
     )
-    depth_noise_m: float = Field(default=0.01, gt=0, description="standard deviation of depth near by, poses included")
+    depth_noise_m: float = Field(
+        default=0.01, gt=0, description="standard deviation of depth at close range, including errors of the pose"
+    )
     depth_noise_per_m: float = Field(
-        default=0.002, ge=0, description="... and what it grows by, times range^2 (Nguyen 2012: 0.0019)"
+        default=0.002, ge=0, description="added to it, times range^2 (Nguyen 2012: 0.0019)"
     )
     carve_views: int = Field(
-        default=2, ge=0, le=2, description="what so many newer views see through is gone; 0: nothing ever is"
+        default=2, ge=0, le=2, description="a voxel is removed once this many newer views see through it; 0: never"
     )
-    carve_margin_m: float = Field(default=0.05, ge=0, description="beside 3 sigma of depth noise")
-    carve_memory: int = Field(default=64, ge=1, description="newest views that late voxels are checked against")
-    points_per_view: int = Field(default=20_000, ge=100, description="pixels are subsampled to about this many")
+    carve_margin_m: float = Field(default=0.05, ge=0, description="margin of that test, beside 3 sigma of depth noise")
+    carve_memory: int = Field(
+        default=64, ge=1, description="number of newest views that are kept to carve voxels which arrive late"
+    )
+    points_per_view: int = Field(default=20_000, ge=100, description="a view is subsampled to about this many pixels")
     max_range_robot_m: float = Field(default=5.0, gt=0, description="farther points of robots are left out")
     max_range_camera_m: float = Field(default=10.0, gt=0, description="farther points of cameras are left out")
     depth_edge: float = Field(
-        default=0.05, gt=0, description="a pixel whose neighbours differ by more than this share is a flying one"
+        default=0.05,
+        gt=0,
+        description="a pixel whose neighbours differ by more than this share of its depth is a flying pixel",
     )
-    obstacle_min_m: float = Field(default=0.12, description="lowest height above the floor that blocks")
-    obstacle_max_m: float = Field(default=1.1, description="highest height above the floor that blocks")
+    obstacle_min_m: float = Field(default=0.12, description="lowest height above the floor of points that block")
+    obstacle_max_m: float = Field(default=1.1, description="highest height above the floor of points that block")
     obstacle_noise_per_m: float = Field(
-        default=0.002, ge=0, description="raises obstacle_min_m and drop_min_m by this times range^2: depth noise"
+        default=0.002,
+        ge=0,
+        description="raises obstacle_min_m and drop_min_m by this times range^2, for the depth noise",
     )
     drop_min_m: float = Field(
-        default=0.12, gt=0, description="least depth below the floor that blocks: an edge, a stair that leads down"
+        default=0.12,
+        gt=0,
+        description="a floor at least this much lower is a drop, which blocks: an edge, a stair that leads down",
     )
-    obstacle_min_points: int = Field(default=3, ge=1, description="fewer points don't block a cell")
+    obstacle_min_points: int = Field(default=3, ge=1, description="points that it takes to block a cell")
     clear_ratio: float = Field(
-        default=6.0, gt=0, description="a cell seen as bare floor in more than this many times as many views is free"
+        default=6.0,
+        gt=0,
+        description="a cell is free again once more than this many times as many views show bare floor as an obstacle",
     )
     explored_range_camera_m: float = Field(
         default=3.0,
         gt=0,
-        description="what a camera sees farther off isn't explored: detectors miss most of what is there (one bed in ten)",
+        description="range up to which a camera explores: farther off, detectors miss most things (nine beds in ten)",
     )
     explored_max_m: float = Field(default=1.2, description="rays explore only where they run below this height")
-    robot_radius_m: float = Field(default=robot_body.RADIUS_M, ge=0, description="where a robot stands is free")
-    frontier: Literal["boundary", "literal"] = Field(
-        default="boundary", description="of explored free space; `literal`: dilated obstacles minus what is explored"
+    robot_radius_m: float = Field(
+        default=robot_body.RADIUS_M, ge=0, description="cells within this of where a robot stood are free"
     )
-    frontier_dilation_m: float = Field(default=0.15, ge=0, description="obstacles are dilated by this first")
-    frontier_min_cells: int = Field(default=8, ge=1, description="VLN-Game: smaller components are noise")
+    frontier: Literal["boundary", "literal"] = Field(
+        default="boundary",
+        description="`boundary`: free explored cells beside unexplored ones; `literal`: dilated obstacles minus explored (paper)",
+    )
+    frontier_dilation_m: float = Field(
+        default=0.15, ge=0, description="radius by which obstacles are dilated for frontiers"
+    )
+    frontier_min_cells: int = Field(default=8, ge=1, description="smaller frontiers are noise (VLN-Game)")
     frontier_hole_m2: float = Field(
-        default=0.5, ge=0, description="unexplored islands smaller than this are no frontier (VLFM: 1.5)"
+        default=0.5, ge=0, description="unexplored islands smaller than this make no frontier (VLFM: 1.5)"
     )
 
 
@@ -89,90 +118,122 @@ class ValueConfig(_Part):
     """Value map."""
 
     fusion: ValueFusion = Field(
-        default="confidence", description="eq. 2 is `average`; `confidence` is VLFM's stronger variant"
+        default="confidence",
+        description="how values are fused: `average` is eq. 2, `confidence` is VLFM's weighted mean, `latest` keeps the newest",
     )
     min_confidence: float = Field(
-        default=0.25, gt=0, le=1, description="VLFM: weight at the border of the field of view"
+        default=0.25, gt=0, le=1, description="weight at the border of the field of view; 1 in its middle (VLFM)"
     )
-    max_views: int = Field(default=4096, ge=1, description="robot views kept for later targets; the oldest go first")
-    max_targets: int = Field(default=4, ge=1, description="layers kept up to date at once")
+    max_views: int = Field(
+        default=4096, ge=1, description="views that are kept for targets to come; robots' oldest are dropped first"
+    )
+    max_targets: int = Field(default=4, ge=1, description="targets whose value layers are kept up to date")
     half_life_s: float = Field(
-        default=3600.0, ge=0, description="a view's weight halves with every such age behind the newest; 0: never"
+        default=3600.0,
+        ge=0,
+        description="age behind the newest view at which a view's weight has halved; 0: it never does",
     )
 
 
 class ValidationConfig(_Part):
-    """When a view of a source is refused as impossible after its previous one."""
+    """When a view is refused as impossible after the previous one of its source."""
 
     max_step_m: float = Field(
-        default=2.0, gt=0, description="a robot moves no farther from one observation to the next"
+        default=2.0, gt=0, description="farthest that a robot can move between two successive observations"
     )
-    climb_m: float = Field(default=0.4, gt=0, description="a change of altitude beyond this is a stair or a lift")
-    max_sources: int = Field(default=100_000, ge=1, description="views of sources that are remembered")
+    climb_m: float = Field(
+        default=0.4,
+        gt=0,
+        description="a robot whose altitude changes by more has used a stair or a lift, and may be anywhere",
+    )
+    max_sources: int = Field(default=100_000, ge=1, description="sources whose last view is remembered")
 
 
 class ViewOrderConfig(_Part):
-    """Which camera views are looked at first."""
+    """In which order camera views are perceived: by the unexplored floor that they show near robots."""
 
-    near_m: float = Field(default=4.0, gt=0, description="so far from a robot a place counts 1/e of one beside it")
-    frontier: float = Field(default=5.0, ge=0, description="what a frontier counts, where an unexplored place counts 1")
-    known: float = Field(default=0.05, ge=0, description="what an explored place counts")
-    step_m: float = Field(default=0.1, gt=0, description="between two places on a ray")
+    distance_scale_m: float = Field(
+        default=4.0,
+        gt=0,
+        description="a place at this distance from the nearest robot counts 1/e of one beside the robot",
+    )
+    frontier_weight: float = Field(
+        default=5.0, ge=0, description="weight of a place on a frontier; an unexplored place has weight 1"
+    )
+    explored_weight: float = Field(default=0.05, ge=0, description="weight of an explored place")
+    ray_step_m: float = Field(default=0.1, gt=0, description="distance between two places along a ray")
 
 
 class PointsConfig(_Part):
     """From a detection's mask to points in the world."""
 
-    max_points: int = Field(default=1000, ge=20, description="pixels of a mask that are back-projected")
+    max_points: int = Field(default=1000, ge=20, description="about this many pixels of a mask are back-projected")
     max_range_robot_m: float = Field(default=5.0, gt=0, description="farther points of robots are left out")
     max_range_camera_m: float = Field(default=8.0, gt=0, description="farther points of cameras are left out")
-    dbscan_eps_m: float = Field(default=0.05, gt=0, description="points within this distance are of one cluster")
-    dbscan_min_points: int = Field(default=10, ge=1, description="neighbours that a point of a cluster's core has")
+    dbscan_eps_m: float = Field(default=0.05, gt=0, description="DBSCAN's eps: points within it are neighbours")
+    dbscan_min_points: int = Field(default=10, ge=1, description="DBSCAN's minPts: neighbours of a core point")
     dbscan_eps_pixels: float = Field(
-        default=3.0, ge=0, description="eps is at least so many sample distances; 0: the paper's fixed eps"
+        default=3.0,
+        ge=0,
+        description="eps is at least this many times the distance between sampled points; 0: the paper's fixed eps",
     )
     min_points: int = Field(default=12, ge=1, description="smaller clusters are dropped")
-    min_score: float = Field(default=0.25, ge=0, le=1, description="weaker detections are not looked at")
+    min_score: float = Field(default=0.25, ge=0, le=1, description="weaker detections are dropped")
 
 
 class AssociationConfig(_Part):
-    """Which object a detection belongs to (eq. 3), and which objects are one."""
+    """Which object a detection belongs to (eq. 3), and which objects are merged."""
 
     geometry: GeometricSimilarity = Field(
-        default="overlap", description="S_geo: IoU of boxes, IoU of voxels (the paper), or ConceptGraphs' overlap"
+        default="overlap", description="S_geo: IoU of boxes, IoU of voxels (the paper), or ConceptGraphs' overlap ratio"
     )
-    w_visual: float = Field(default=1.0, ge=0, description="w_1 of eq. 3, of the embeddings' cosine")
-    w_geometric: float = Field(default=1.0, ge=0, description="w_2 of eq. 3, of S_geo")
+    w_visual: float = Field(default=1.0, ge=0, description="w_1 of eq. 3, the weight of S_vis (cosine of embeddings)")
+    w_geometric: float = Field(default=1.0, ge=0, description="w_2 of eq. 3, the weight of S_geo")
     tau: float = Field(
         default=1.3,
         description="for overlap, measured on six homes (ConceptGraphs: 1.2); the paper's 1.35 is for box_iou",
     )
     tau_mutual: float | None = Field(
-        default=0.3, ge=0, le=1, description="overlap both ways that makes one object of two whatever their looks"
+        default=0.3,
+        ge=0,
+        le=1,
+        description="overlap in both directions from which two things are one, however different they look; None: off",
     )
-    overlap_voxel_m: float = Field(default=0.05, gt=0, description="points within one such voxel of each other overlap")
+    overlap_voxel_m: float = Field(
+        default=0.05, gt=0, description="side of the voxels for overlaps; points in neighbouring ones overlap"
+    )
     once_per_view: bool = Field(
-        default=True, description="an object takes one detection of a class from a picture; False: eq. 3 to the letter"
+        default=True,
+        description="an object takes only one detection of a class from a picture; False: eq. 3 to the letter",
     )
     merge_every: int | None = Field(
-        default=5, ge=1, description="views between two searches for duplicates; None: never"
+        default=5, ge=1, description="number of views between two searches for duplicate objects; None: no search"
     )
-    merge_overlap: float = Field(default=0.6, ge=0, description="overlap that merges objects that look alike")
+    merge_overlap: float = Field(
+        default=0.6, ge=0, description="overlap from which two objects that look alike are merged"
+    )
     merge_box: float | None = Field(
-        default=0.5, ge=0, le=1, description="share of the smaller box inside the larger that does so, too"
+        default=0.5,
+        ge=0,
+        le=1,
+        description="... or the share of the smaller box inside the larger one from which they are; None: off",
     )
-    merge_visual: float = Field(default=0.55, ge=-1, description="cosine from which two objects look alike")
+    merge_visual: float = Field(
+        default=0.55, ge=-1, description="cosine of embeddings from which two objects look alike"
+    )
 
 
 class PaperConfirmationConfig(_Part):
     """``PaperConfirmation``: a threshold on the maximum of both confidences."""
 
-    min_confidence: float = Field(default=0.5, ge=0, le=1, description="threshold from which an object is confirmed")
+    min_confidence: float = Field(default=0.5, ge=0, le=1, description="confidence from which an object is confirmed")
     min_detections: int = Field(
-        default=2, ge=1, description="of the class; with fewer an object stays a candidate (ConceptGraphs, VLN-Game)"
+        default=2,
+        ge=1,
+        description="detections of its class that an object needs to be confirmed (ConceptGraphs, VLN-Game)",
     )
     hysteresis: float = Field(
-        default=0.8, ge=0, le=1, description="share of the threshold that keeps an object confirmed"
+        default=0.8, ge=0, le=1, description="share of the threshold that keeps a confirmed object confirmed"
     )
     flip_rejects: bool = Field(default=True, description="an object whose class changes is rejected for good")
 
@@ -180,25 +241,36 @@ class PaperConfirmationConfig(_Part):
 class PosteriorConfig(_Part):
     """``PosteriorConfirmation``: how likely an object is of a class (``posterior``), and one threshold for all words."""
 
-    again: float = Field(default=1.7, ge=1, description="odds of a class are multiplied by it when a view repeats it")
-    missed: float = Field(
-        default=0.45, gt=0, le=1, description="... and by it when a view calls it something else, or doesn't show it"
+    repeat_odds: float = Field(
+        default=1.7, ge=1, description="factor on the odds of a class for each further detection of it"
     )
-    alike: float = Field(
-        default=0.4, ge=0, le=1, description="how alike views err: correlation of their evidence, and of directions'"
+    miss_odds: float = Field(
+        default=0.45,
+        gt=0,
+        le=1,
+        description="... and for each view that detects the object as something else, or not at all",
     )
-    min_chance: float = Field(default=0.85, gt=0, le=1, description="from which an object is confirmed")
-    hysteresis: float = Field(default=0.95, ge=0, le=1, description="share of it that keeps an object confirmed")
+    correlation: float = Field(
+        default=0.4,
+        ge=0,
+        le=1,
+        description="correlation of the evidence of two views from one direction, and of two directions",
+    )
+    min_chance: float = Field(default=0.85, gt=0, le=1, description="probability from which an object is confirmed")
+    hysteresis: float = Field(
+        default=0.95, ge=0, le=1, description="share of the threshold that keeps a confirmed object confirmed"
+    )
     reject_chance: float = Field(
-        default=0.05, ge=0, le=1, description="below which an object is rejected that a robot missed"
+        default=0.05, ge=0, le=1, description="probability below which an object that a robot has missed is rejected"
     )
 
 
 class ConfirmationConfig(_Part):
-    """Which rule turns candidates into confirmed objects, and the settings of either."""
+    """Which rule turns candidates into confirmed objects, and the settings of both rules."""
 
     rule: Literal["posterior", "paper"] = Field(
-        default="posterior", description="ours, or the paper's section on joint object confirmation to the letter"
+        default="posterior",
+        description="`posterior`: ours; `paper`: the paper's joint object confirmation to the letter",
     )
     posterior: PosteriorConfig = Field(default=PosteriorConfig(), description="settings of the rule `posterior`")
     paper: PaperConfirmationConfig = Field(
@@ -207,16 +279,26 @@ class ConfirmationConfig(_Part):
 
 
 class FalsePositiveConfig(_Part):
-    """What speaks against an object. The rule ``paper`` uses only the sizes of it, and that only if told to."""
+    """What speaks against an object: misses and implausible sizes. The rule ``paper`` ignores misses."""
 
-    miss_near_m: float = Field(default=0.7, ge=0, description="a nearer object may miss from a picture")
-    miss_far_m: float = Field(default=3.5, gt=0, description="... and so may a farther one")
-    miss_visible: float = Field(
-        default=0.7, ge=0, le=1, description="share of an object's points that must be in plain view"
+    miss_min_range_m: float = Field(
+        default=0.7, ge=0, description="points of an object nearer to a robot's camera don't count as in plain sight"
     )
-    size_prior: bool = Field(default=True, description="only what has a size that its class can have is confirmed")
-    misfit_factor: float = Field(
-        default=0.7, ge=0, le=1, description="what is left of the confidence in a class whose size an object hasn't"
+    miss_max_range_m: float = Field(default=3.5, gt=0, description="... nor do farther ones")
+    miss_min_visible: float = Field(
+        default=0.7,
+        ge=0,
+        le=1,
+        description="share of an object's points in plain sight from which a view without a detection of it is a miss",
+    )
+    size_prior: bool = Field(
+        default=True, description="only objects of a size that is possible for their class are confirmed"
+    )
+    size_mismatch_factor: float = Field(
+        default=0.7,
+        ge=0,
+        le=1,
+        description="factor on the confidence in a class for which an object's size is impossible",
     )
 
 
@@ -229,23 +311,25 @@ class ObjectConfig(_Part):
         default=ConfirmationConfig(), description="candidates to confirmed objects"
     )
     false_positives: FalsePositiveConfig = Field(default=FalsePositiveConfig(), description="objects to rejected ones")
-    max_objects: int = Field(default=1000, ge=1, description="of a floor; the weakest candidates go first")
-    max_voxels: int = Field(default=6000, ge=1, description="of an object")
-    max_history: int = Field(default=64, ge=1, description="events kept with an object")
+    max_objects: int = Field(
+        default=1000, ge=1, description="objects of a floor; the weakest candidates are removed first"
+    )
+    max_voxels: int = Field(default=6000, ge=1, description="voxels of an object")
+    max_history: int = Field(default=64, ge=1, description="newest events that are kept with an object")
 
 
 class FusionConfig(_Part):
-    """All of it."""
+    """All settings of the joint maps."""
 
     map: MapConfig = Field(default=MapConfig(), description="point cloud, obstacles, exploration, frontiers")
     value: ValueConfig = Field(default=ValueConfig(), description="value map")
     objects: ObjectConfig = Field(default=ObjectConfig(), description="object map")
     validation: ValidationConfig = Field(default=ValidationConfig(), description="which views are refused")
-    views: ViewOrderConfig = Field(default=ViewOrderConfig(), description="which camera views come first")
+    views: ViewOrderConfig = Field(default=ViewOrderConfig(), description="in which order camera views are perceived")
 
     @classmethod
     def preset(cls, name: Literal["default", "paper"]) -> FusionConfig:
-        """``paper``: the paper to the letter (VLN-Game where it is silent); ``default``: what works best here."""
+        """``paper`` follows the paper to the letter (VLN-Game where it is silent); ``default`` is what works best here."""
         if name == "default":
             return cls()
         return cls(
@@ -269,12 +353,12 @@ class FusionConfig(_Part):
         )
 
     def changed(self, changes: Mapping[str, Any]) -> FusionConfig:
-        """With the settings of ``changes``, nested as the parts are. ValidationError: a name or a value that can't be."""
+        """A copy with the settings in ``changes``, nested as the parts are. ValidationError: an unknown name or invalid value."""
         return FusionConfig.model_validate(_merged(self.model_dump(), changes))
 
 
 def _merged(under: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
-    """``under`` with the values of ``over``, level by level."""
+    """``under``, with the values of ``over`` in place of its own, recursively."""
     both = dict(under)
     for key, value in over.items():
         nested = isinstance(value, Mapping) and isinstance(both.get(key), Mapping)

@@ -1,4 +1,4 @@
-"""The joint map: every view of robots and cameras, on one map per floor."""
+"""The joint map: the views of all robots and cameras, integrated into one set of maps per floor."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surveilnav.geometry import Grid
-from surveilnav.messages.maps import DEFAULT_LAYERS, ObjectRecord
+from surveilnav.messages.maps import LAYERS, ObjectRecord
 from surveilnav.sensing.views import PosedView, ViewPerception
 from surveilnav.services.fusion.core.config import FusionConfig
 from surveilnav.services.fusion.core.maps.climbing import ClimbTracker
@@ -23,7 +23,7 @@ from surveilnav.services.fusion.core.views.invocation import same_floor
 from surveilnav.services.fusion.core.views.order import KnownFloor, ViewFootprint, floor_utilities_m2
 from surveilnav.services.fusion.core.views.validation import ViewError, ViewValidator, check_view
 
-_MAX_NAMES = 256  # of floors: a robot may say what it likes
+_MAX_NAMES = 256  # of floors, since a robot may send any name
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,10 +32,10 @@ class IntegrationResult:
 
     Attributes:
         floor: the floor that it was integrated into.
-        revision: of the joint map, after the view.
-        n_points: of the view in the cloud.
-        n_located: how many of its detections have a place in the world.
-        changes: what happened to objects.
+        revision: revision of the joint map after the view.
+        n_points: number of its points in the cloud.
+        n_located: number of its detections that could be located in the world.
+        changes: events of objects.
     """
 
     floor: str
@@ -56,19 +56,19 @@ class _FloorMaps:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _AddedGeometry:
-    """What a view added to the geometry of a floor: points, and how far it sees by azimuth (360, 2) [m]."""
+    """What a view added to the geometry of a floor: a number of points. Also its ranges by azimuth (360, 2) [m]."""
 
     maps: _FloorMaps
     n_points: int
-    reach_m: NDArray[np.float32]
+    ranges_m: NDArray[np.float32]
 
 
 class JointMap:
     """The joint maps of a building: one set of maps per floor.
 
     Attributes:
-        revision: counts the views that changed the maps.
-        validator: refuses views that cannot be.
+        revision: number of views that have changed the maps.
+        validator: refuses views that can't follow the previous one of their source.
     """
 
     def __init__(self, config: FusionConfig | None = None) -> None:
@@ -76,12 +76,12 @@ class JointMap:
         self.revision = 0
         self.validator = ViewValidator(self.config.validation)
         self._floors: dict[str, _FloorMaps] = {}
-        self._name_of: dict[str, str] = {}  # what sources call a floor -> what the map calls it
+        self._name_of: dict[str, str] = {}  # a source's name for a floor -> the map's name for it
         self._climbs: dict[str, ClimbTracker] = {}  # by robot
 
     @property
     def floors(self) -> dict[str, float]:
-        """Altitude [m] of each floor that was seen, by id."""
+        """The altitude [m, world] of each floor that was seen, by id."""
         return {name: maps.geometry.z_m for name, maps in self._floors.items()}
 
     def accept(self, view: PosedView, perception: ViewPerception | None) -> IntegrationResult | None:
@@ -94,27 +94,30 @@ class JointMap:
             What the view changed; None if it changed nothing, since the maps hold all of it.
 
         Raises:
-            ViewError: the view cannot be, by itself or after the previous one of its source. The maps stay as they were.
+            ViewError: the view can't be, by itself or after the previous one of its source. The maps stay as they were.
         """
         check_view(view, perception)
-        verdict = self.validator.validate(view)
-        self.validator.record_arrival(view, verdict)
-        if verdict.fault is not None:
-            raise verdict.fault
-        geometry = self._add_geometry(view) if verdict.is_new else None
+        validation = self.validator.validate(view)
+        self.validator.record_arrival(view, validation)
+        if validation.fault is not None:
+            raise validation.fault
+        geometry = self._add_geometry(view) if validation.is_new else None
         result = self.add_detections(view, perception, geometry)
         if result is not None:
             self.validator.record_integrated(view, perception)
         return result
 
     def integrate(self, view: PosedView, perception: ViewPerception | None) -> IntegrationResult:
-        """Adds one view, whatever came before it. ``perception`` None: no detector looked (no negative evidence).
+        """Integrates one view without comparing it with earlier ones.
 
-        Views of one step go in the order of ``in_order``: occupancy, exploration and cloud don't depend on it, value
-        and objects may.
+        Views of one step are integrated in the order of ``in_order``. Cloud, occupancy and exploration don't depend on the
+        order, but values and objects may.
+
+        Args:
+            perception: None: no detector looked at the view, so that it isn't negative evidence either.
 
         Raises:
-            ViewError: the view cannot be by itself. The maps stay as they were.
+            ViewError: the view can't be by itself. The maps stay as they were.
         """
         check_view(view, perception)
         result = self.add_detections(view, perception, self._add_geometry(view))
@@ -122,16 +125,16 @@ class JointMap:
         return result
 
     def _add_geometry(self, view: PosedView) -> _AddedGeometry:
-        """A new picture into the point cloud and the obstacle and exploration maps of its floor."""
+        """Adds a new picture to the point cloud and to the obstacle and exploration maps of its floor."""
         maps = self._floor_of(view)
         try:
-            n_points, reach_m = maps.geometry.integrate(view)
+            n_points, ranges_m = maps.geometry.integrate(view)
         except ValueError as error:
             self._forget_if_new(maps)
             raise ViewError("out_of_map", str(error)) from error
         self._record_name(view, maps)
         self._record_altitude(view, maps.geometry.floor)
-        return _AddedGeometry(maps, n_points, reach_m)
+        return _AddedGeometry(maps, n_points, ranges_m)
 
     def add_detections(
         self, view: PosedView, perception: ViewPerception | None, geometry: _AddedGeometry | None = None
@@ -153,8 +156,8 @@ class JointMap:
         embedded = False
         # value map (eq. 2)
         if perception is not None and perception.image_embedding.size:
-            reach_m = geometry.reach_m if geometry else None
-            embedded = maps.value.add(view, perception.image_embedding, perception.embedding_model, reach_m)
+            ranges_m = geometry.ranges_m if geometry else None
+            embedded = maps.value.add(view, perception.image_embedding, perception.embedding_model, ranges_m)
         if geometry is None and perception is not None:
             words = self.validator.new_words(view, perception)
             if not (words or embedded):
@@ -171,23 +174,26 @@ class JointMap:
         return IntegrationResult(maps.geometry.floor, self.revision, n_points, n_located, changes)
 
     def _forget_if_new(self, maps: _FloorMaps) -> None:
-        """Takes back a floor that only a refused view made."""
+        """Removes a floor that was opened for a view which was then refused."""
         if maps.geometry.revision == 0:
             self._floors.pop(maps.geometry.floor, None)
 
     def _record_name(self, view: PosedView, maps: _FloorMaps) -> None:
-        """Remembers what the source of an integrated view calls its floor; on a stair its name means nothing yet."""
+        """Records what the source of an integrated view calls its floor, unless it is on a stair, where names mean nothing."""
         name = maps.geometry.floor
         if maps.geometry.revision == 0:
-            self._name_of[name] = name  # whatever was called so before
+            self._name_of[name] = name  # even if another floor was called so before
         if self.floor_at(view.floor_z_m) == name and len(self._name_of) < _MAX_NAMES:
             self._name_of.setdefault(view.floor, name)
 
     def layer(
         self, floor: str, name: str, text_embedding: NDArray[np.floating] | None = None, embedding_model: str = ""
     ) -> tuple[Grid, NDArray[np.generic]]:
-        """A layer of a floor and its frame: occupancy, explored, frontier uint8; value float32; cloud (N, 6) float32;
-        provenance (N, 3) int64, line by line with the cloud: number in ``source_sets``, first and last seen [ns].
+        """A layer of a floor, and its frame.
+
+        Layers (rows, cols) are ``occupancy``, ``explored`` and ``frontier`` (uint8), and ``value`` (float32, for the embedding of
+        a text). ``cloud`` is (N, 6) float32, positions [m, world] and colours. ``provenance`` is (N, 3) int64, line by line with
+        the cloud: number in ``source_sets``, first and last seen [ns].
 
         Raises:
             KeyError: no such floor or layer. ValueError: value without a text embedding.
@@ -206,7 +212,7 @@ class JointMap:
             sources, first_ns, last_ns, _ = geometry.cloud.provenance()
             return geometry.grid, np.stack([sources, first_ns, last_ns], axis=-1)
         if name != "value":
-            raise KeyError(f"no layer {name!r}; there are {', '.join(DEFAULT_LAYERS)}")
+            raise KeyError(f"no layer {name!r}; there are {', '.join(LAYERS)}")
         if text_embedding is None:
             raise ValueError("the value layer belongs to a target: its text embedding is needed")
         return geometry.grid, maps.value.layer(geometry.grid, text_embedding, embedding_model)
@@ -218,12 +224,12 @@ class JointMap:
     def pending_value(
         self, floor: str, text_embedding: NDArray[np.floating], embedding_model: str = ""
     ) -> PendingLayer | None:
-        """A new target's value layer, to be built while the maps go on; None if it is kept. KeyError: no such floor."""
+        """The value layer of a new target, to be built while the maps change; None if there is one. KeyError: no such floor."""
         maps = self._named(floor)
         return maps.value.pending(text_embedding, maps.geometry.grid.resolution_m, embedding_model)
 
     def adopt_value(self, floor: str, built: PendingLayer) -> None:
-        """Keeps a pending layer that was built. KeyError: no such floor."""
+        """Keeps a value layer that was built. KeyError: no such floor."""
         self._named(floor).value.adopt(built)
 
     def objects(self, floor: str, since: int = -1) -> list[ObjectRecord]:
@@ -235,15 +241,15 @@ class JointMap:
         return self._named(floor).objects.ids()
 
     def relevances(self, floor: str, text: NDArray[np.float32], embedding_model: str) -> dict[int, float | None]:
-        """By object id, how much the objects of a floor sound like a text. KeyError: no such floor."""
+        """Cosine of the embeddings of a floor's objects and a text (D,), by object id. KeyError: no such floor."""
         return self._named(floor).objects.relevances(text, embedding_model)
 
     def views_left_out(self, floor: str, embedding_model: str) -> int:
-        """How many views of a floor another model looked at. KeyError: no such floor."""
-        return self._named(floor).value.left_out(embedding_model)
+        """The number of a floor's views that another model has embedded. KeyError: no such floor."""
+        return self._named(floor).value.views_left_out(embedding_model)
 
     def source_sets(self, floor: str) -> list[list[str]]:
-        """The sets of sources that the layer ``provenance`` of a floor counts by. KeyError: no such floor."""
+        """The source sets by number, for the layer ``provenance`` of a floor. KeyError: no such floor."""
         return self._named(floor).geometry.cloud.source_sets()
 
     def floor_revision(self, floor: str) -> int:
@@ -260,10 +266,12 @@ class JointMap:
     def view_utilities(
         self, views: Sequence[ViewFootprint], robots_m: Sequence[tuple[float, float, float]]
     ) -> NDArray[np.float64]:
-        """(K,) how much camera views may still show near robots, by what the maps hold now (``views.order``).
+        """The utilities (K,) of camera views: how much they may still show near robots, given the maps now (``views.order``).
 
-        ``robots_m``: (x, y, altitude of the floor) [m, world] of all robots. Views of a floor without a robot have
-        utility 0.
+        Views of a floor without a robot have utility 0.
+
+        Args:
+            robots_m: (x, y, altitude of the floor) [m, world] of all robots.
         """
         utilities_m2 = np.zeros(len(views))
         for floor_z_m in sorted({view.floor_z_m for view in views}):
@@ -288,11 +296,11 @@ class JointMap:
         return name if name and same_floor(self._floors[name].geometry.z_m, z_m, self.config.map.tau_z_m) else ""
 
     def _floor_of(self, view: PosedView) -> _FloorMaps:
-        """The floor at the view's estimated floor altitude (tau_z); a new one if there is none.
+        """The maps of the floor that a view belongs to; opens a new floor if there is none within tau_z of its altitude.
 
-        A robot that climbs fits no floor half-way up: what it sees there goes to the floor that it left. It opens one
-        only where it stays: where it walked on one level, or looked around on it under a new floor name. A camera
-        doesn't climb, nor does a robot that came from nowhere.
+        A robot on a stair is at no floor's altitude. What it sees there goes to the floor that it left. It opens a new
+        floor only where it stays: where it has moved along one level, or has looked around there under a new floor name. Cameras
+        don't climb, and neither does a robot whose first view this is.
         """
         z_m = view.floor_z_m
         name = self.floor_at(z_m)
@@ -301,30 +309,30 @@ class JointMap:
         if not name:
             name = self._new_name(view.floor)
             if len(self._floors) >= self.config.map.max_floors:
-                most = self.config.map.max_floors
+                limit = self.config.map.max_floors
                 raise ViewError(
-                    "too_many_floors", f"a view at {z_m:.1f} m would make more than {most} floors (max_floors)"
+                    "too_many_floors", f"a view at {z_m:.1f} m would make more than {limit} floors (max_floors)"
                 )
             self._open(name, z_m, (float(view.T_world_camera[0, 3]), float(view.T_world_camera[1, 3])))
         return self._floors[name]
 
     def _is_on_stair(self, view: PosedView) -> bool:
-        """Whether a robot at an altitude of no floor is on a stair."""
+        """Whether a robot whose altitude is that of no floor is on a stair."""
         climb = self._climbs.get(view.source)
         if climb is None or climb.floor not in self._floors:
             return False
         return climb.is_on_stair(view, self.config.map, new_name=view.floor not in self._floors)
 
     def _record_altitude(self, view: PosedView, floor: str) -> None:
-        """Follows a robot from level to level, to tell a stair from a floor."""
+        """Follows the altitude of a robot, to distinguish a stair from a floor."""
         if view.is_robot:
             climb = self._climbs.get(view.source)
             self._climbs[view.source] = climb.after(view, floor) if climb else ClimbTracker.from_first_view(view, floor)
 
-    def _new_name(self, said: str) -> str:
-        name, k = said, 2
-        while name in self._floors:  # two altitudes under one name: split levels, or a lie
-            name, k = f"{said}-{k}", k + 1
+    def _new_name(self, source_name: str) -> str:
+        name, k = source_name, 2
+        while name in self._floors:  # two altitudes under one name: split levels, or an error
+            name, k = f"{source_name}-{k}", k + 1
         return name
 
     def _open(self, name: str, z_m: float, centre_m: tuple[float, float]) -> None:
@@ -335,7 +343,7 @@ class JointMap:
 
     @classmethod
     def unseen(cls, floor: str, z_m: float, centre_m: tuple[float, float], config: FusionConfig) -> JointMap:
-        """Maps that hold one floor of which nothing is known yet."""
+        """Joint maps of one floor of which nothing is known yet."""
         joint = cls(config)
         joint._open(floor, z_m, centre_m)
         return joint
@@ -349,11 +357,11 @@ class JointMap:
             "climbs": {robot: climb.state() for robot, climb in self._climbs.items()},
             "floors": [
                 {
-                    "geometry": _with_own_layers(s.geometry.state()),
-                    "value": s.value.state(),
-                    "objects": s.objects.state(),
+                    "geometry": _with_own_layers(maps.geometry.state()),
+                    "value": maps.value.state(),
+                    "objects": maps.objects.state(),
                 }
-                for s in self._floors.values()
+                for maps in self._floors.values()
             ],
         }
 
@@ -375,10 +383,10 @@ class JointMap:
 
 
 def _with_own_layers(geometry: dict[str, Any]) -> dict[str, Any]:
-    """The state of a floor's geometry with copies of its layers: all else in it is a copy already, or never changes."""
+    """The state of a floor's geometry, with copies of its layers. Everything else in it is a copy already or never changes."""
     return geometry | {"layers": {name: layer.copy() for name, layer in geometry["layers"].items()}}
 
 
 def in_order(views: Iterable[PosedView]) -> list[PosedView]:
-    """The one order in which views of a step are integrated: by time, then source, then view."""
+    """The order in which the views of one step are integrated: by time, then source, then view."""
     return sorted(views, key=lambda v: (v.stamp_ns, v.source, v.view, v.seq))

@@ -1,6 +1,6 @@
-"""The joint maps as bytes and back: MessagePack of plain values and arrays, compressed with zstd, with a version. No pickle.
+"""The joint maps as bytes and back: plain values and arrays as MessagePack, compressed with zstd, with a version. No pickle.
 
-``freeze`` copies what will change, quickly, while nobody integrates; ``pack`` then takes its time while the maps go on.
+``freeze`` quickly copies what may change, while nothing is integrated; ``pack`` then takes its time while the maps change.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ import zstandard
 from surveilnav.services.fusion.core.config import FusionConfig
 from surveilnav.services.fusion.core.joint_map import JointMap
 
-#: Version of what a snapshot holds; snapshots of other versions aren't read.
-VERSION = 5
+#: Version of a snapshot's contents; snapshots of other versions aren't read.
+VERSION = 6
 _MAX_BYTES = 8 << 30
 
 
 class SnapshotError(ValueError):
-    """Bytes that are no snapshot these maps can go on from; ``name``: corrupt, other_version or other_config."""
+    """A snapshot that can't be restored; ``name`` says why: corrupt, other_version or other_config."""
 
     def __init__(self, name: str, message: str) -> None:
         super().__init__(message)
@@ -29,7 +29,7 @@ class SnapshotError(ValueError):
 
 
 def dump(joint: JointMap) -> bytes:
-    """The joint maps as bytes: the same for the same maps."""
+    """The joint maps as bytes; equal maps give equal bytes."""
     return pack(freeze(joint))
 
 
@@ -37,18 +37,18 @@ def load(data: bytes, config: FusionConfig) -> JointMap:
     """The joint maps that ``dump`` stored.
 
     Raises:
-        SnapshotError: damaged, of another version, or with cells or voxels of another size than ``config`` says.
+        SnapshotError: the bytes are damaged, of another version, or of maps with another size of cells or voxels.
     """
     return thaw(unpack(data), config)
 
 
 def freeze(joint: JointMap) -> dict[str, Any]:
-    """A copy of everything in the maps, which may change from then on."""
+    """A copy of everything in the maps. The maps may change afterwards."""
     return {"version": VERSION, "sizes": _sizes(joint.config), "maps": joint.state()}
 
 
 def thaw(frozen: dict[str, Any], config: FusionConfig) -> JointMap:
-    """The joint maps of which ``freeze`` made a copy. SnapshotError: as ``load``."""
+    """The joint maps that ``freeze`` copied. SnapshotError: as in ``load``."""
     if frozen.get("version") != VERSION:
         raise SnapshotError("other_version", f"expected a snapshot of version {VERSION}, got {frozen.get('version')!r}")
     if frozen.get("sizes") != _sizes(config):
@@ -60,17 +60,17 @@ def thaw(frozen: dict[str, Any], config: FusionConfig) -> JointMap:
 
 
 def pack(value: Any) -> bytes:
-    """Bytes of plain values, messages and arrays; a checksum is part of them."""
-    return zstandard.ZstdCompressor(level=1, write_checksum=True).compress(_plain(value))
+    """Plain values, messages and arrays as compressed bytes with a checksum."""
+    return zstandard.ZstdCompressor(level=1, write_checksum=True).compress(_encode(value))
 
 
 def digest(frozen: dict[str, Any]) -> str:
-    """BLAKE2b (hex) of a copy of maps: equal for maps that are equal to the bit."""
-    return hashlib.blake2b(_plain(frozen), digest_size=16).hexdigest()
+    """BLAKE2b (hex) of a copy of maps; equal exactly for maps that are equal bit by bit."""
+    return hashlib.blake2b(_encode(frozen), digest_size=16).hexdigest()
 
 
-def _plain(value: Any) -> bytes:
-    return msgspec.msgpack.encode(value, enc_hook=_array_out)
+def _encode(value: Any) -> bytes:
+    return msgspec.msgpack.encode(value, enc_hook=_encode_array)
 
 
 def unpack(data: bytes) -> Any:
@@ -79,7 +79,7 @@ def unpack(data: bytes) -> Any:
         size = zstandard.frame_content_size(data)
         if not 0 <= size <= _MAX_BYTES:
             raise SnapshotError("corrupt", f"a snapshot has up to {_MAX_BYTES} bytes, this says {size}")
-        return msgspec.msgpack.decode(zstandard.ZstdDecompressor().decompress(data), ext_hook=_array_in)
+        return msgspec.msgpack.decode(zstandard.ZstdDecompressor().decompress(data), ext_hook=_decode_array)
     except (zstandard.ZstdError, msgspec.DecodeError, ValueError, TypeError) as error:
         if isinstance(error, SnapshotError):
             raise
@@ -87,11 +87,11 @@ def unpack(data: bytes) -> Any:
 
 
 def _sizes(config: FusionConfig) -> dict[str, float]:
-    """The settings without which the counts in a map mean nothing."""
+    """The settings that give the counts in a map their meaning."""
     return {"resolution_m": config.map.resolution_m, "voxel_m": config.map.voxel_m}
 
 
-def _array_out(value: Any) -> msgspec.msgpack.Ext:
+def _encode_array(value: Any) -> msgspec.msgpack.Ext:
     if isinstance(value, np.generic):
         value = np.asarray(value)
     if not isinstance(value, np.ndarray) or value.dtype.hasobject:
@@ -100,7 +100,7 @@ def _array_out(value: Any) -> msgspec.msgpack.Ext:
     return msgspec.msgpack.Ext(1, len(header).to_bytes(4, "little") + header + np.ascontiguousarray(value).tobytes())
 
 
-def _array_in(code: int, data: memoryview) -> Any:
+def _decode_array(code: int, data: memoryview) -> Any:
     if code != 1:
         raise ValueError(f"expected an array, got extension {code}")
     n = int.from_bytes(data[:4], "little")

@@ -1,1 +1,1 @@
-"""How views come in: who is listened to, which words perception looks for, and which view it is asked about next."""
+"""The way of views into fusion: which sources are subscribed to, which words are looked for, and which view is perceived next."""

@@ -1,4 +1,4 @@
-"""The way of views into fusion: robots and cameras are listened to, and perception looks at every new picture."""
+"""View intake: subscribes to robots and cameras, and has perception look at every new picture."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from surveilnav.services.fusion.config import FusionSettings
 from surveilnav.services.fusion.intake.perception import PerceptionClient
 from surveilnav.services.fusion.intake.pictures import PictureCache
 from surveilnav.services.fusion.intake.ranking import ViewRanking
-from surveilnav.services.fusion.intake.robot_places import RobotPlaces
+from surveilnav.services.fusion.intake.robot_positions import RobotPositions
 from surveilnav.services.fusion.intake.sources import InvokedCamera, Sources
 from surveilnav.services.fusion.intake.texts import TextEncoder
 from surveilnav.services.fusion.intake.words import SearchedWords
 from surveilnav.services.fusion.intake.workers import Workers
 from surveilnav.services.fusion.perceived import PerceivedView, ViewKey
 
-_WORDS_PERIOD_S = 0.2  # between two looks at what missions search for
+_WORDS_PERIOD_S = 0.2  # between two checks of what missions search for
 
 
 class ViewIntake:
-    """Frames from the bus in, perceived views out.
+    """Takes frames from the bus and returns them as perceived views.
 
     Attributes:
-        places: where robots say that they stand.
-        texts: embeddings of texts, by the same perception.
+        positions: the positions that robots report.
+        texts: embeds texts with the model that embeds the views.
     """
 
     def __init__(self, node: Node, settings: FusionSettings, maps: BuildingMaps) -> None:
@@ -36,12 +36,12 @@ class ViewIntake:
         self._sources = Sources(node, settings, maps, self._words)
         self._pictures = PictureCache(settings.picture_cache_mb << 20)
         self._workers = Workers(node)
-        self.places = RobotPlaces()
+        self.positions = RobotPositions()
         self.texts = TextEncoder(self._workers)
-        ranking = ViewRanking(maps, self.places)
+        ranking = ViewRanking(maps, self.positions)
         self._perception = PerceptionClient(node, settings, self._workers, maps, self._words, ranking)
         self._faulty: dict[ViewKey, PerceivedView] = {}
-        self._perceived_for: tuple[frozenset[str], str] = frozenset(), ""  # words, and embedding model
+        self._perceived_for: tuple[frozenset[str], str] = frozenset(), ""  # words and embedding model of the last check
         self._words_s = 0.0
 
     @property
@@ -51,14 +51,14 @@ class ViewIntake:
 
     @property
     def problem(self) -> str:
-        """Why perception doesn't answer now; "" while it does."""
+        """Why perception doesn't answer at the moment; "" while it does."""
         return self._perception.problem
 
     def poll(self) -> bool:
         """Invokes cameras (eq. 1), receives the newest frame of every view, and hands it to perception.
 
         Returns:
-            Whether there was any.
+            Whether any frame has arrived.
         """
         frames, dropped = self._sources.poll()
         for source in dropped:
@@ -70,7 +70,7 @@ class ViewIntake:
         return bool(frames)
 
     def pop_perceived(self) -> list[PerceivedView]:
-        """Views that are ready for the maps: robots' first; cameras' a few at a time, so that no robot waits for many."""
+        """Views that are ready for the maps: those of robots first, then a few of cameras, so that no robot waits for many."""
         faulty, self._faulty = list(self._faulty.values()), {}
         return faulty + (self._perception.pop_robots() or self._perception.pop_cameras(self._views_per_step))
 
@@ -80,13 +80,15 @@ class ViewIntake:
             key = header.source, header.view
             self._faulty[key] = PerceivedView(key, header, fault=fault)
             return
-        self.places.record(header)
+        self.positions.record(header)
         self._pictures.put(frame)
         self._perception.submit(frame)
 
     def _perceive_again_for_new_words(self) -> None:
-        """Hands the cached pictures of cameras to perception again when a mission searches for a word that wasn't looked for
-        in them, or when another model embeds views."""
+        """Has perception look at the cached pictures of cameras again, if there is a reason to.
+
+        That is so when a mission searches for a word that wasn't looked for in them, and when another model embeds views.
+        """
         now_s = time.monotonic()
         if now_s - self._words_s < _WORDS_PERIOD_S:
             return

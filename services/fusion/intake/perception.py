@@ -1,7 +1,7 @@
-"""Asks perception about views beside the main loop until it answers: an outage delays views and loses none.
+"""Sends views to perception, beside the main loop, until it answers. So an outage delays views but loses none.
 
-Robots and cameras have a thread each, so a robot's view waits for one camera's picture at most. Every view has one slot: a
-newer picture replaces one that still waits. Of the cameras' waiting pictures the most useful one comes next
+Robots and cameras have a lane each, with a thread of its own, so that a robot's view never waits for cameras'. Each view has one
+place in its lane: a newer picture replaces one that still waits. The lane of cameras takes the most useful picture first
 (``ranking``).
 """
 
@@ -29,14 +29,14 @@ from surveilnav.services.fusion.intake.words import SearchedWords
 from surveilnav.services.fusion.intake.workers import Workers
 from surveilnav.services.fusion.perceived import PerceivedView, ViewKey
 
-#: Refusals that have to do with the moment and not with the picture.
+#: Refusals for reasons that pass, and have nothing to do with the picture.
 _TRANSIENT = {"busy", "too_late", "no_truth", "not_ready", "superseded"}
-_MAX_ATTEMPTS = 3  # at a picture that perception refuses because of the picture itself
+_MAX_ATTEMPTS = 3  # with a picture that perception refuses for another reason
 
 
 @dataclass(slots=True)
 class _Lane:
-    """The waiting pictures of one kind of source, and the finished ones (few: decoded pictures are large)."""
+    """The waiting and the finished pictures of one kind of source. Only few are finished at a time: decoded, they are large."""
 
     done: queue.Queue[PerceivedView]
     waiting: OrderedDict[ViewKey, Received[FrameHeader]] = field(default_factory=OrderedDict)
@@ -44,7 +44,7 @@ class _Lane:
 
 
 class PerceptionClient:
-    """Frames in by ``submit``, perceived views out by ``pop_robots`` and ``pop_cameras``."""
+    """Perceives frames: ``submit`` takes them, ``pop_robots`` and ``pop_cameras`` return them as perceived views."""
 
     def __init__(
         self,
@@ -65,15 +65,15 @@ class PerceptionClient:
 
     @property
     def problem(self) -> str:
-        """Why perception doesn't answer now; "" while it does."""
+        """Why perception doesn't answer at the moment; "" while it does."""
         return self._robots.problem or self._cameras.problem
 
     def words(self) -> tuple[str, ...]:
-        """The words that perception is to look for now; none where every worker knows a closed set of classes."""
+        """The words that perception is to look for now; none if every worker has a closed vocabulary."""
         return self._searched.current() if self._workers.open_vocabulary else ()
 
     def submit(self, frame: Received[FrameHeader]) -> None:
-        """Queues a frame in place of an older one of the same view that still waits."""
+        """Queues a frame. It replaces an older one of the same view that still waits."""
         header = frame.message
         lane = self._robots if header.source.startswith("robot/") else self._cameras
         with self._lock:
@@ -81,14 +81,14 @@ class PerceptionClient:
             self._lock.notify_all()
 
     def resubmit(self, frames: Iterable[Received[FrameHeader]]) -> None:
-        """Queues cameras' frames that were perceived before, unless a newer one of the same view waits."""
+        """Queues frames of cameras to be perceived again, unless a newer one of the same view waits."""
         with self._lock:
             for frame in frames:
                 self._cameras.waiting.setdefault((frame.message.source, frame.message.view), frame)
             self._lock.notify_all()
 
     def withdraw(self, source: str) -> None:
-        """Drops the waiting frames of a source."""
+        """Removes the waiting frames of a source."""
         with self._lock:
             for lane in (self._robots, self._cameras):
                 for key in [k for k in lane.waiting if k[0] == source]:
@@ -108,30 +108,37 @@ class PerceptionClient:
                 if not lane.waiting:
                     self._lock.wait(timeout=0.2)
                     continue
-            if (frame := self._next_frame(lane)) is None:
-                continue
+            frame = self._next_frame(lane)
+            if frame is not None and (finished := self._try_to_perceive(lane, frame)) is not None:
+                self._deliver(lane, finished)
+
+    def _try_to_perceive(self, lane: _Lane, frame: Received[FrameHeader]) -> PerceivedView | None:
+        """``_perceive``, whatever goes wrong: the thread must survive, since no other one serves its lane."""
+        header = frame.message
+        try:
+            return self._perceive(lane, frame)
+        except WireError as error:
+            self._node.reject("frame", f"{header.source} view {header.view}: {error}")
+            return PerceivedView((header.source, header.view), header, fault=f"unreadable: {error}")
+        except Exception as error:
+            self._node.warn_seldom("a view could not be perceived", error=f"{type(error).__name__}: {error}")
+            self._node.stopping.wait(self._settings.retry_s)
+            with self._lock:
+                lane.waiting.setdefault((header.source, header.view), frame)
+            return None
+
+    def _deliver(self, lane: _Lane, finished: PerceivedView) -> None:
+        """Puts a finished view into its queue, and waits while that is full."""
+        while not self._node.stopping.is_set():
             try:
-                finished = self._perceive(lane, frame)
-            except WireError as error:
-                self._node.reject("frame", f"{frame.message.source} view {frame.message.view}: {error}")
-                header = frame.message
-                finished = PerceivedView((header.source, header.view), header, fault=f"unreadable: {error}")
-            except Exception as error:  # this thread must survive: nobody else perceives the views of its lane
-                self._node.warn_seldom("a view could not be perceived", error=f"{type(error).__name__}: {error}")
-                self._node.stopping.wait(self._settings.retry_s)
-                with self._lock:
-                    lane.waiting.setdefault((frame.message.source, frame.message.view), frame)
+                lane.done.put(finished, timeout=0.2)
+                self._node.wake.set()
+                return
+            except queue.Full:
                 continue
-            while finished is not None and not self._node.stopping.is_set():
-                try:
-                    lane.done.put(finished, timeout=0.2)
-                    self._node.wake.set()
-                    break
-                except queue.Full:
-                    continue
 
     def _next_frame(self, lane: _Lane) -> Received[FrameHeader] | None:
-        """Takes the next waiting frame: of robots the oldest, of cameras the most useful; None if it was withdrawn meanwhile."""
+        """Takes the next waiting frame: the oldest of robots, the most useful of cameras. None if it was withdrawn meanwhile."""
         with self._lock:
             headers = {key: frame.message for key, frame in lane.waiting.items()}
         if not headers:
@@ -142,7 +149,7 @@ class PerceptionClient:
             return lane.waiting.pop(key, None)
 
     def _perceive(self, lane: _Lane, frame: Received[FrameHeader]) -> PerceivedView | None:
-        """Asks until there is an answer; None if a newer picture of the same view arrived meanwhile."""
+        """Sends a frame to perception until it answers; None if a newer picture of the same view arrives meanwhile."""
         header, key = frame.message, (frame.message.source, frame.message.view)
         words = self.words()
         if self._maps.processed.contains(key, _digest(frame, self._workers.embedder, words)):
@@ -151,16 +158,18 @@ class PerceptionClient:
         reply, perception, attempts, embedder = b"", None, 0, self._workers.embedder
         looks_down = looks_straight_down(view.T_world_camera)
         while not looks_down and attempts < _MAX_ATTEMPTS:
-            pause_s, words = self._settings.retry_s, self.words()  # a mission may have begun meanwhile
+            pause_s, words = self._settings.retry_s, self.words()  # a mission may have started meanwhile
             try:
                 reply, perception = self._ask(frame, words)
                 embedder = perception.embedding_model
-                words = words if set(words) <= set(perception.words) else ()  # a closed set looked
+                words = (
+                    words if set(words) <= set(perception.words) else ()
+                )  # a worker with a closed vocabulary has answered
                 break
             except (Refused, WireError) as error:
                 pause_s = _pause_s(error, pause_s)
                 attempts += not _is_transient(error, lane is self._robots)
-                if lane is self._robots:  # a camera's view that has to wait is no outage
+                if lane is self._robots:  # a camera's view may wait, which is no outage
                     lane.problem = f"perception can't tell what {header.source} sees: {error}"
             except (BusError, PerceptionError) as error:
                 lane.problem = f"perception is down: {error}"
@@ -173,7 +182,7 @@ class PerceptionClient:
         return PerceivedView(key, header, view, perception, frame.payload, reply, _digest(frame, embedder, words))
 
     def _ask(self, frame: Received[FrameHeader], words: tuple[str, ...]) -> tuple[bytes, ViewPerception]:
-        """A worker's reply, as it was sent and as it is understood."""
+        """A worker's reply about a frame: as bytes and decoded."""
         header, timeout_s = frame.message, self._settings.infer_timeout_s
         request = InferRequest(
             stamp_ns=clock_ns(),
@@ -196,27 +205,27 @@ class PerceptionClient:
 
 
 def _digest(frame: Received[FrameHeader], embedder: str, words: tuple[str, ...]) -> bytes:
-    """Hash of a picture, its pose, the model that embeds it, and the words that are looked for in it."""
+    """Hash of a picture, its pose and intrinsics, the model that embeds it, and the words that are looked for in it."""
     header = frame.message
-    said = repr((header.T_world_camera, header.camera, embedder, *words))
-    digest = hashlib.blake2b(said.encode(), digest_size=16)
+    metadata = repr((header.T_world_camera, header.camera, embedder, *words))
+    digest = hashlib.blake2b(metadata.encode(), digest_size=16)
     digest.update(frame.payload)
     return digest.digest()
 
 
 def _is_transient(error: Exception, is_robot: bool) -> bool:
-    """Whether a refusal has to do with the moment, so that asking again helps.
+    """Whether a request was refused for a reason that passes, so that sending it again helps.
 
-    The simulator's truth of a view (``no_truth``) comes again with a robot's view, but not with a camera's: a worker that
-    was started after the camera will never hear of it.
+    A simulator sends its ground truth of a view (``no_truth`` without it) again with each robot's view, but not with a camera's:
+    a worker that was started after the camera never gets it.
     """
     return isinstance(error, Refused) and error.name in _TRANSIENT and (is_robot or error.name != "no_truth")
 
 
 def _pause_s(error: Exception, otherwise_s: float) -> float:
-    """How long to wait before asking again: what a worker says, within reason."""
-    said_ms = error.retry_after_ms if isinstance(error, Refused) else None
-    return otherwise_s if said_ms is None else min(max(said_ms / 1000, 0.01), 10.0)
+    """How long to wait before sending a request again: what the worker asks for, within limits, or ``otherwise_s``."""
+    retry_ms = error.retry_after_ms if isinstance(error, Refused) else None
+    return otherwise_s if retry_ms is None else min(max(retry_ms / 1000, 0.01), 10.0)
 
 
 def _drain(finished: queue.Queue[PerceivedView], max_views: int) -> list[PerceivedView]:

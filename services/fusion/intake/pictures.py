@@ -1,4 +1,4 @@
-"""The newest picture of each view of the invoked cameras: perceiving it again for a new word costs a camera no byte."""
+"""A cache of cameras' newest pictures, so that they can be perceived again for a new word without being sent again."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from surveilnav.services.fusion.perceived import ViewKey
 
 
 class PictureCache:
-    """Keeps up to ``max_bytes`` of cameras' frames; the oldest go first."""
+    """Keeps up to ``max_bytes`` of cameras' frames. The oldest are dropped first."""
 
     def __init__(self, max_bytes: int) -> None:
         self._max_bytes, self._bytes = max_bytes, 0
         self._frames: OrderedDict[ViewKey, Received[FrameHeader]] = OrderedDict()
 
     def put(self, frame: Received[FrameHeader]) -> None:
-        """Adds a camera's frame in place of the view's previous one; a robot's frame is ignored."""
+        """Adds a frame of a camera, in place of the previous one of that view. Frames of robots are ignored."""
         if not frame.message.source.startswith("camera/"):
             return
         key = frame.message.source, frame.message.view
@@ -28,12 +28,12 @@ class PictureCache:
             self._drop(next(iter(self._frames)))
 
     def drop_source(self, source: str) -> None:
-        """Forgets the pictures of a camera ("camera/<id>")."""
+        """Drops the pictures of a camera ("camera/<id>")."""
         for key in [key for key in self._frames if key[0] == source]:
             self._drop(key)
 
     def frames(self) -> list[Received[FrameHeader]]:
-        """All of them, the oldest first."""
+        """All frames, the oldest first."""
         return list(self._frames.values())
 
     def _drop(self, key: ViewKey) -> None:

@@ -1,4 +1,4 @@
-"""Which waiting camera view is perceived next: the ranking of ``core.views.order``, renewed while the maps grow."""
+"""Which waiting camera view is perceived next: a ranking by utility (``core.views.order``), renewed while the maps grow."""
 
 from __future__ import annotations
 
@@ -8,22 +8,22 @@ from collections.abc import Mapping
 from surveilnav.messages import FrameHeader
 from surveilnav.services.fusion.building_maps import BuildingMaps
 from surveilnav.services.fusion.core.views.order import ViewFootprint, highest_first
-from surveilnav.services.fusion.intake.robot_places import RobotPlaces
+from surveilnav.services.fusion.intake.robot_positions import RobotPositions
 from surveilnav.services.fusion.perceived import ViewKey
 
-_MAX_AGE_S = 0.5  # of a ranking
+_MAX_AGE_S = 0.5  # after which a ranking is made anew
 
 
 class ViewRanking:
-    """Ranks waiting views by how much they may still show near the robots. For one thread at a time."""
+    """Ranks waiting views by what they may still show near the robots. Not thread-safe."""
 
-    def __init__(self, maps: BuildingMaps, places: RobotPlaces) -> None:
-        self._maps, self._places = maps, places
+    def __init__(self, maps: BuildingMaps, positions: RobotPositions) -> None:
+        self._maps, self._positions = maps, positions
         self._ranked: list[ViewKey] = []  # the best one last
         self._ranked_s = 0.0
 
     def pop_best(self, waiting: Mapping[ViewKey, FrameHeader]) -> ViewKey:
-        """The best of one or more waiting views; it is expected not to be among them at the next call."""
+        """The best of one or more waiting views. The caller takes it, so that it isn't waiting any more at the next call."""
         if time.monotonic() - self._ranked_s >= _MAX_AGE_S:
             self._ranked = []
         while self._ranked:
@@ -36,7 +36,7 @@ class ViewRanking:
     def _rank(self, waiting: Mapping[ViewKey, FrameHeader]) -> list[ViewKey]:
         range_m = self._maps.joint.config.map.explored_range_camera_m
         footprints = [_footprint(header, range_m) for header in waiting.values()]
-        robots_m = [(place.x_m, place.y_m, place.z_m) for _, place in self._places.items()]
+        robots_m = [(position.x_m, position.y_m, position.z_m) for _, position in self._positions.items()]
         with self._maps.lock:
             order = highest_first(self._maps.joint.view_utilities(footprints, robots_m))
         keys = list(waiting)

@@ -1,6 +1,6 @@
-"""Who is listened to: robots always, cameras while eq. 1 invokes them, and others ahead of time if a setting allows.
+"""Subscriptions to sources: to robots always, to cameras while eq. 1 invokes them, and to others in advance if a setting says so.
 
-To invoke a camera is to subscribe to its frames: it renders, encodes and sends only while somebody subscribes.
+A camera is invoked by subscribing to its frames. It renders, encodes and sends only while somebody subscribes.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from surveilnav.bus import Node, Received, Slot, clock_ns
+from surveilnav.bus import LatestMessage, Node, Received, clock_ns
 from surveilnav.contract import CAMERA_FRAME, CAMERA_INFO, CAMERA_REQUEST, MAP_REVISION, ROBOT_OBSERVATION, ROBOT_STATUS
 from surveilnav.errors import BusError
 from surveilnav.messages import CameraInfo, CameraRequest, FrameHeader
@@ -20,38 +20,40 @@ from surveilnav.services.fusion.core.views.invocation import Invocation, invoke
 from surveilnav.services.fusion.intake.words import SearchedWords
 
 _MAX_CAMERAS, _MAX_VIEWS, _MAX_ROBOTS = 1000, 64, 64
-_MAX_SEQ, _MAX_STAMP_NS = 2**53, 2**62  # beyond, no store, map or reader in JavaScript can hold it
+_MAX_SEQ, _MAX_STAMP_NS = 2**53, 2**62  # the largest that the store, the maps and JavaScript clients can represent
 _REFRESH_S = 0.1
 
 
 @dataclass(slots=True)
 class InvokedCamera:
-    """A camera that is listened to.
+    """A camera whose frames are subscribed to.
 
     Attributes:
-        slots: one per view.
+        slots: the subscription of each view.
         arrived: the views that have arrived.
-        resend_at_s: when views that haven't arrived are asked for again; ``patience_s`` doubles each time.
+        resend_at_s: when views that haven't arrived are requested again.
+        patience_s: time until the next such request; it doubles each time.
+        is_silent: whether the camera neither sends nor answers, so that nobody should wait for its views.
     """
 
     info: CameraInfo
-    slots: dict[int, Slot[FrameHeader]]
+    slots: dict[int, LatestMessage[FrameHeader]]
     arrived: set[int] = field(default_factory=set)
     resend_at_s: float = 0.0
     patience_s: float = 0.0
-    is_silent: bool = False  # it neither sends nor answers, so nobody should wait for its views
+    is_silent: bool = False
 
 
 class Sources:
-    """Keeps the subscriptions as eq. 1 wants them and hands over the newest frame of each."""
+    """Keeps the subscriptions that eq. 1 demands, and hands over the newest frame of each."""
 
     def __init__(self, node: Node, settings: FusionSettings, maps: BuildingMaps, words: SearchedWords) -> None:
         self._node, self._settings, self._maps, self._words = node, settings, maps, words
         self._config = maps.joint.config.map
         self._infos = node.table(CAMERA_INFO)
         self._statuses = node.table(ROBOT_STATUS)
-        node.alive("robot")  # the first call starts watching
-        self._robots: dict[str, Slot[FrameHeader]] = {}
+        node.alive("robot")  # the first call starts to follow presence
+        self._robots: dict[str, LatestMessage[FrameHeader]] = {}
         self._newest = {robot: (last.seq, last.stamp_ns) for robot, last in maps.processed.robots.items()}
         self._invocation = Invocation()
         self._silent_prefetched: set[str] = set()
@@ -60,7 +62,7 @@ class Sources:
         self.cameras: dict[str, InvokedCamera] = {}
 
     def poll(self) -> tuple[list[Received[FrameHeader]], list[str]]:
-        """New frames, robots' first, and the sources ("camera/<id>") that are no longer listened to."""
+        """The frames that are new, those of robots first, and the sources ("camera/<id>") whose subscriptions have ended."""
         now_s = time.monotonic()
         dropped: list[str] = []
         if now_s - self._refreshed_s >= _REFRESH_S:
@@ -72,14 +74,16 @@ class Sources:
 
     def _follow_robots(self) -> None:
         here = {row.ids["robot"] for row in self._statuses.rows(max_age_s=self._settings.robot_timeout_s)}
-        for robot in sorted(set(self._robots) - here - self._node.alive("robot")):  # silent and gone: its place is free
+        for robot in sorted(
+            set(self._robots) - here - self._node.alive("robot")
+        ):  # silent and off the bus, which frees its slot
             self._robots.pop(robot).close()
             self._floor_z_m.pop(robot, None)
             self._newest.pop(robot, None)
             self._node.log.info("forgets a robot", robot=robot)
         for robot in sorted(here):
             if robot not in self._robots and len(self._robots) < _MAX_ROBOTS:
-                self._robots[robot] = self._node.slot(ROBOT_OBSERVATION, robot=robot)
+                self._robots[robot] = self._node.latest(ROBOT_OBSERVATION, robot=robot)
                 self._node.log.info("follows a robot", robot=robot)
 
     def _robot_frames(self) -> list[Received[FrameHeader]]:
@@ -90,7 +94,7 @@ class Sources:
                 continue
             header = frame.message
             self._floor_z_m[robot] = header.T_world_camera.translation_m[2] - header.mounting_offset_m
-            # a robot repeats what nobody followed up; one that was restarted counts anew
+            # a robot repeats its observation until it gets a command; after a restart it numbers anew
             if (header.seq, header.stamp_ns) != self._newest.get(robot):
                 self._newest[robot] = header.seq, header.stamp_ns
                 frames.append(frame)
@@ -109,12 +113,12 @@ class Sources:
         return frames
 
     def _belongs(self, frame: Received[FrameHeader], source: str, view: int) -> bool:
-        """Whether a frame's header agrees with the key that it came by, and its floor and numbers can be stored."""
+        """Whether a frame's header agrees with its key, and its floor and numbers can be stored."""
         header = frame.message
         if not (0 <= header.seq < _MAX_SEQ and 0 <= header.stamp_ns < _MAX_STAMP_NS):
-            said = f"seq {header.seq}, stamp_ns {header.stamp_ns}"
+            got = f"seq {header.seq}, stamp_ns {header.stamp_ns}"
             self._node.reject(
-                "frame.bad_number", f"expected numbers below 2^53 and 2^62, {source} view {view} says {said}"
+                "frame.bad_number", f"expected numbers below 2^53 and 2^62, {source} view {view} says {got}"
             )
             return False
         try:
@@ -123,13 +127,13 @@ class Sources:
             self._node.reject("frame header", f"floor {header.floor!r:.80}: {error}")
             return False
         if (header.source, header.view) != (source, view):
-            said = f"{header.source!r:.80} view {header.view}"
-            self._node.reject("frame header", f"expected {source} view {view}, its header says {said}")
+            got = f"{header.source!r:.80} view {header.view}"
+            self._node.reject("frame header", f"expected {source} view {view}, its header says {got}")
             return False
         return True
 
     def wrong_intrinsics(self, header: FrameHeader) -> str:
-        """Why a frame can't be of the camera that it names, by what that camera announced; "" if it can."""
+        """Why a frame doesn't match the intrinsics that its camera has announced; "" if it does."""
         kind, _, name = header.source.partition("/")
         camera = self.cameras.get(name) if kind == "camera" else None
         if camera is None or header.camera == camera.info.intrinsics:
@@ -137,7 +141,7 @@ class Sources:
         return f"wrong_intrinsics: the camera says {camera.info.intrinsics}, its frame {header.camera}"
 
     def _invoke(self, now_s: float) -> list[str]:
-        """Eq. 1: listens to the cameras on the robots' floors; lets go of others after a while."""
+        """Eq. 1 with hysteresis: subscribes to the cameras on the robots' floors, and unsubscribes from others after a while."""
         if not self._settings.surveillance:
             return []
         here = {row.ids["robot"] for row in self._statuses.rows(max_age_s=self._settings.robot_timeout_s)}
@@ -156,12 +160,12 @@ class Sources:
         )
         active = [*self._invocation.active, *self._prefetched(infos)]
         for name in active:
-            if name not in infos:  # it lingers: nobody says of it any more what it is
+            if name not in infos:  # it lingers, but its announcement is gone
                 continue
             if name in self.cameras:
                 self.cameras[name].info = infos[name]
             elif len(self.cameras) < _MAX_CAMERAS:
-                self._listen(infos[name], now_s)
+                self._subscribe(infos[name], now_s)
         gone = sorted(set(self.cameras) - set(active))
         for name in gone:
             for slot in self.cameras.pop(name).slots.values():
@@ -170,7 +174,7 @@ class Sources:
         return [f"camera/{name}" for name in gone]
 
     def _prefetched(self, infos: Mapping[str, CameraInfo]) -> list[str]:
-        """A few cameras that no robot is near and of which the maps lack views, while nobody searches and a setting allows."""
+        """The next few cameras without a robot near by whose views the maps lack, while no mission is open."""
         if not self._settings.prefetch_cameras or not self._words.is_idle:
             return []
         near = set(self._invocation.active)
@@ -180,13 +184,13 @@ class Sources:
         lacking = [n for n in others if not {view.view for view in infos[n].views} <= processed.views_of(n)]
         return lacking[: self._settings.prefetch_cameras]
 
-    def _listen(self, info: CameraInfo, now_s: float) -> None:
+    def _subscribe(self, info: CameraInfo, now_s: float) -> None:
         try:
             views = sorted({v.view for v in info.views})
             if any(not 0 <= view < _MAX_VIEWS for view in views):
                 raise ValueError(f"{info.camera}: expected views from 0 to {_MAX_VIEWS - 1}, got {views[:99]}")
-            place = {"floor": info.floor, "camera": info.camera}
-            slots = {view: self._node.slot(CAMERA_FRAME, **place, view=view) for view in views}
+            ids = {"floor": info.floor, "camera": info.camera}
+            slots = {view: self._node.latest(CAMERA_FRAME, **ids, view=view) for view in views}
         except ValueError as error:
             self._node.reject("camera_info", str(error))
             return
@@ -195,7 +199,7 @@ class Sources:
         self._node.log.info("invokes a camera", camera=info.camera, views=len(slots))
 
     def _request_missing(self, now_s: float) -> None:
-        """Asks cameras for views that were lost on the way; each time waits twice as long."""
+        """Requests views that were lost on the way from their cameras, after twice the time at each attempt."""
         for name, camera in self.cameras.items():
             missing = sorted(set(camera.slots) - camera.arrived)
             if not missing or now_s < camera.resend_at_s:

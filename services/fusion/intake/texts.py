@@ -1,4 +1,4 @@
-"""What words mean: embeddings of texts, from perception or from memory."""
+"""Embeddings of texts, from perception or from a cache."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ _MAX_TEXTS = 256
 
 
 class TextEmbedding(NamedTuple):
-    """A text's unit vector (D,) float32, and the model that made it."""
+    """The unit vector (D,) float32 of a text, and the model that made it."""
 
     vector: NDArray[np.float32]
     model: str
 
 
 class TextEncoder:
-    """Asks perception for embeddings of texts and caches the newest ones. Safe from any thread."""
+    """Has perception embed texts, and caches the newest embeddings. Safe from any thread."""
 
     def __init__(self, workers: Workers) -> None:
         self._workers = workers
@@ -36,11 +36,11 @@ class TextEncoder:
         self._cache: OrderedDict[tuple[str, str], TextEmbedding] = OrderedDict()  # by model and text
 
     def encode(self, text: str) -> TextEmbedding:
-        """The embedding of a text by the model that views are embedded with now.
+        """The embedding of a text by the model that embeds views now.
 
         Raises:
             PerceptionError: no worker answers.
-            Refused: the worker won't, e.g. because it doesn't know the class.
+            Refused: the worker refuses, for example because it doesn't know the class.
         """
         model = self._workers.embedder
         with self._lock:

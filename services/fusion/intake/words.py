@@ -8,20 +8,20 @@ from surveilnav.bus import Node
 from surveilnav.contract import MISSION_STATUS
 from surveilnav.errors import TargetError
 from surveilnav.messages import FINISHED_STATES
-from surveilnav.words import MAX_WORDS, checked_word
+from surveilnav.words import MAX_WORDS, validate_word
 
 
 class SearchedWords:
-    """Follows the missions on the bus."""
+    """Follows the missions on the bus, and says which words their targets are."""
 
     def __init__(self, node: Node, standing: Sequence[str]) -> None:
         """``standing``: words that are always looked for."""
         self._node, self._standing = node, standing
-        node.alive("planner")  # the first call starts watching
+        node.alive("planner")  # the first call starts to follow presence
         self._missions = node.table(MISSION_STATUS)
 
     def current(self) -> tuple[str, ...]:
-        """The words to look for now, sorted, each once; at most ``MAX_WORDS``, those of missions first.
+        """The words to look for now, sorted and unique: at most ``MAX_WORDS``, and those of missions take precedence.
 
         A mission counts only while a planner is on the bus to continue it.
         """
@@ -43,11 +43,11 @@ class SearchedWords:
 
 
 def _valid_words(names: Iterable[str]) -> set[str]:
-    """The names that are words. The planner refuses others, so anything else on the bus comes from somebody hostile."""
+    """The names that are valid words. The planner refuses others, so others on the bus come from attackers or bugs."""
     words = set()
     for name in names:
         try:
-            words.add(checked_word(name))
+            words.add(validate_word(name))
         except TargetError:
             continue
     return words

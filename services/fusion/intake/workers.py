@@ -1,4 +1,4 @@
-"""Asks perception workers so that one that hangs delays nobody whom another can serve."""
+"""Sends requests to perception workers, so that a worker that hangs delays no request that another one can serve."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import time
 from collections import Counter
 from collections.abc import Iterable
 from contextlib import suppress
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 
@@ -16,45 +16,49 @@ from surveilnav.bus import Node, Received, Refused
 from surveilnav.contract import PERCEPTION_INFER, PERCEPTION_LOAD, Stream
 from surveilnav.errors import PerceptionError, SurveilNavError
 from surveilnav.messages import InferRequest, WorkerLoad
-from surveilnav.services.fusion.core.views.worker_choice import WorkerChoice
+from surveilnav.services.fusion.core.views.worker_selector import WorkerSelector
 
-#: Refusals of one worker that another needn't share.
-_ITS_OWN = {"busy", "not_ready", "too_late", "no_prompt"}
+#: Refusals that have to do with the worker's state, so that another worker may answer.
+_RETRYABLE = {"busy", "not_ready", "too_late", "no_prompt"}
 
-_GRACE_S = 1.0  # for the bus to say that the time is over
-_DEADLINE_SHARE = 0.9  # of the time that is left; the rest is for the answer's way
-_CANCEL_S = 1.0  # for a worker to hear a cancel
+_GRACE_S = 1.0  # in which the bus reports that the time is over
+_DEADLINE_SHARE = 0.9  # of the time left, which a worker gets; the rest is for the way back
+_CANCEL_TIMEOUT_S = 1.0
 
-#: A worker, and what came from it.
-_Told = tuple[str, Received[Any] | Exception]
+
+class _WorkerReply(NamedTuple):
+    """What came of a request to a worker: its answer, or the error that ended the request."""
+
+    worker: str
+    result: Received[Any] | Exception
 
 
 class Workers:
-    """The perception workers that are there, seen from one that asks."""
+    """The perception workers on the bus, as a client of theirs. Safe from any thread."""
 
     def __init__(self, node: Node) -> None:
         self._node = node
         self._loads = node.table(PERCEPTION_LOAD)
-        self._choice, self._lock, self._open = WorkerChoice(), threading.Lock(), False
-        self._embedder = ""
-        node.alive("perception")  # the first call starts watching
+        self._selector, self._lock = WorkerSelector(), threading.Lock()
+        self._open_vocabulary, self._embedder = False, ""  # as of when a worker was last there
+        node.alive("perception")  # the first call starts to follow presence
 
     @property
     def open_vocabulary(self) -> bool:
-        """Whether any of them looks for whatever words it is given; while none is there, what was so before."""
+        """Whether any worker detects arbitrary words. While no worker is there, the last answer holds."""
         if loads := self._loads_now():
-            self._open = any(load.open_vocabulary for load in loads)
-        return self._open
+            self._open_vocabulary = any(load.open_vocabulary for load in loads)
+        return self._open_vocabulary
 
     @property
     def needs_words(self) -> bool:
-        """Whether none of them finds anything without being given words."""
+        """Whether no worker detects anything unless it is given words."""
         loads = self._loads_now()
         return bool(loads) and all(load.open_vocabulary for load in loads)
 
     @property
     def embedder(self) -> str:
-        """The embedding model that most workers run; while none is there, what it was before."""
+        """The embedding model that most workers run. While no worker is ready, the last answer holds."""
         models = Counter(load.models.embedder for load in self._loads_now() if load.ready)
         if models:
             self._embedder = min(models, key=lambda model: (-models[model], model))
@@ -63,76 +67,81 @@ class Workers:
     def ask(
         self, stream: Stream, request: InferRequest, payload: bytes = b"", *, timeout_s: float, embedder: str = ""
     ) -> Received[Any]:
-        """The first answer of the workers asked: the best one, and, as soon as that is late or refuses for its own sake,
-        the next. Who is asked later is told how little time is left, and who is too late that it needn't look any more.
+        """Sends a request to the best worker, and to the next ones as needed; returns the first answer.
 
-        ``embedder``: workers that run this model are asked alone, if there are any.
+        The next worker is asked as soon as the former one is late, or refuses for a reason that others needn't share. It is told
+        how little time is left. Workers that are still busy with the request once it is answered get it cancelled.
+
+        Args:
+            embedder: if any worker runs this embedding model, only such workers are asked.
 
         Raises:
-            PerceptionError: no worker is there.
-            Refused, BusError: the last that went wrong, when nobody is left to answer.
+            PerceptionError: no worker is there, or none answers in time.
+            Refused, BusError: the last error, if every worker has failed.
         """
         untried, until_s = self.ranked(), time.monotonic() + timeout_s
         untried = [load for load in untried if load.models.embedder == embedder] or untried
-        told: queue.Queue[_Told] = queue.Queue()
-        waited_for: list[str] = []
+        replies: queue.Queue[_WorkerReply] = queue.Queue()
+        waiting_for: list[str] = []
         while True:
-            late, left_s = "", until_s - time.monotonic()
-            patience_s = left_s + _GRACE_S
+            # ask one more worker
+            asked, left_s = None, until_s - time.monotonic()
             if untried and left_s > 0:
-                load = untried.pop(0)
-                waited_for.append(load.worker)
-                self._send(told, load.worker, stream, request, payload, left_s)
-                if untried:
-                    late, patience_s = load.worker, self._patience_s(load, timeout_s)
+                asked = untried.pop(0)
+                waiting_for.append(asked.worker)
+                self._send(replies, asked.worker, stream, request, payload, left_s)
+            # wait for whoever answers first; if there is another worker to ask, only until this one is late
+            may_be_late = asked if untried else None
+            patience_s = self._patience_s(may_be_late, timeout_s) if may_be_late else left_s + _GRACE_S
             try:
-                worker, answer = told.get(timeout=max(patience_s, 0.0))
+                worker, result = replies.get(timeout=max(patience_s, 0.0))
             except queue.Empty:
-                if not late:
+                if may_be_late is None:
                     raise PerceptionError(f"no worker answers within {timeout_s:g} s") from None
-                self._overdue(late)
+                self._record_late(may_be_late.worker)
                 continue
-            waited_for.remove(worker)
-            if isinstance(answer, Received):
-                self._cancel(stream, request, waited_for)
-                return answer
-            nobody_left = not waited_for and (not untried or time.monotonic() >= until_s)
-            if nobody_left or not _may_go_on(answer):
-                raise answer
+            waiting_for.remove(worker)
+            if isinstance(result, Received):
+                self._cancel(stream, request, waiting_for)
+                return result
+            is_last = not waiting_for and (not untried or time.monotonic() >= until_s)
+            if is_last or not _is_retryable(result):
+                raise result
 
     def _send(
         self,
-        told: queue.Queue[_Told],
+        replies: queue.Queue[_WorkerReply],
         worker: str,
         stream: Stream,
         request: InferRequest,
         payload: bytes,
         timeout_s: float,
     ) -> None:
+        """Sends a request to a worker on a thread of its own, which puts the outcome into ``replies``."""
         deadline_ms = min(request.deadline_ms, int(_DEADLINE_SHARE * 1000 * timeout_s))
         request = msgspec.structs.replace(request, deadline_ms=deadline_ms)
 
         def ask() -> None:
-            answer: Received[Any] | Exception
+            result: Received[Any] | Exception
             try:
-                answer = self._node.ask(stream, request, payload=payload, timeout_s=timeout_s, worker=worker)
+                result = self._node.ask(stream, request, payload=payload, timeout_s=timeout_s, worker=worker)
             except Exception as error:
-                answer = error
+                result = error
             with self._lock:
-                self._choice.ended(worker, answered=_has_answered(answer))
-                if not isinstance(answer, Received | Refused):
-                    self._choice.overdue(worker, time.monotonic())
-            told.put((worker, answer))
+                self._selector.record_end(worker, answered=_shows_life(result))
+                if not isinstance(result, Received | Refused):
+                    self._selector.record_late(worker, time.monotonic())
+            replies.put(_WorkerReply(worker, result))
 
         with self._lock:
-            self._choice.asked(worker)
+            self._selector.record_request(worker)
         threading.Thread(target=ask, name=f"ask-{worker}", daemon=True).start()
 
     def _cancel(self, stream: Stream, request: InferRequest, workers: Iterable[str]) -> None:
-        """Tells workers that what they were asked is of no use any more, so that they don't look at what still waits."""
+        """Tells workers that a request has been answered, so that they drop it if it still waits."""
         if stream is not PERCEPTION_INFER or not request.asker:
             return
-        asked = InferRequest(
+        cancellation = InferRequest(
             stamp_ns=request.stamp_ns,
             source=request.source,
             view=request.view,
@@ -141,42 +150,42 @@ class Workers:
             cancel=True,
         )
 
-        def tell(worker: str) -> None:
-            with suppress(SurveilNavError):  # it looks in vain, then
-                self._node.ask(stream, asked, timeout_s=_CANCEL_S, worker=worker)
+        def send(worker: str) -> None:
+            with suppress(SurveilNavError):  # then the worker perceives the view in vain
+                self._node.ask(stream, cancellation, timeout_s=_CANCEL_TIMEOUT_S, worker=worker)
 
         for worker in workers:
-            threading.Thread(target=tell, args=(worker,), name=f"cancel-{worker}", daemon=True).start()
+            threading.Thread(target=send, args=(worker,), name=f"cancel-{worker}", daemon=True).start()
 
     def _patience_s(self, load: WorkerLoad, timeout_s: float) -> float:
         with self._lock:
-            return self._choice.patience_s(load, timeout_s)
+            return self._selector.patience_s(load, timeout_s)
 
-    def _overdue(self, worker: str) -> None:
+    def _record_late(self, worker: str) -> None:
         with self._lock:
-            self._choice.overdue(worker, time.monotonic())
+            self._selector.record_late(worker, time.monotonic())
 
     def ranked(self) -> list[WorkerLoad]:
-        """The workers that may be asked, the best first. PerceptionError: none is there, or ready."""
+        """The workers that may be asked, the best first. PerceptionError: no worker is there, or none is ready."""
         loads = self._loads_now()
         with self._lock:
-            ranked = self._choice.ranked(loads, time.monotonic())
+            ranked = self._selector.rank(loads, time.monotonic())
         if not ranked:
             raise PerceptionError("no worker is there" if not loads else "no worker is ready yet")
         return ranked
 
     def _loads_now(self) -> list[WorkerLoad]:
         rows = self._loads.rows(max_age_s=PERCEPTION_LOAD.max_age_ms / 1000)
-        # what a load says of itself is believed only of a worker that lives
+        # a load counts only if it names the worker of its key, and that worker is alive
         alive = self._node.alive("perception")
         return [r.message for r in rows if r.message.worker == r.ids["worker"] and r.ids["worker"] in alive]
 
 
-def _has_answered(answer: Received[Any] | Exception) -> bool:
-    """Whether a worker works: that it took in a cancel doesn't say so."""
-    return isinstance(answer, Received) or (isinstance(answer, Refused) and answer.name != "cancelled")
+def _shows_life(result: Received[Any] | Exception) -> bool:
+    """Whether a result shows that a worker serves requests. A cancelled request doesn't."""
+    return isinstance(result, Received) or (isinstance(result, Refused) and result.name != "cancelled")
 
 
-def _may_go_on(error: Exception) -> bool:
-    """Whether another worker may do better."""
-    return error.name in _ITS_OWN if isinstance(error, Refused) else isinstance(error, SurveilNavError)
+def _is_retryable(error: Exception) -> bool:
+    """Whether another worker may answer where one failed with this error."""
+    return error.name in _RETRYABLE if isinstance(error, Refused) else isinstance(error, SurveilNavError)

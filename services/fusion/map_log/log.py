@@ -1,8 +1,9 @@
-"""The log of views, and integration behind it: what a revision or an answer ever said can be made again.
+"""The log of views: each view is logged before it is integrated, so that the maps can be made again.
 
-Every view is committed to the log before it is integrated. After a restart the maps are those of the newest readable snapshot
-and the views logged after it, in their order: the same to the bit. A disk that can't be written holds views up: they wait,
-nothing is announced, and ``problem`` says why. Without a file (no ``store`` in the settings) views are integrated as they come.
+Whatever a revision or an answer has ever said can be restored. After a restart, the maps are those of the newest readable
+snapshot with the views that were logged after it integrated in their order, equal bit by bit. While the disk can't be written,
+views wait, nothing is announced, and ``problem`` says why. Without a file (no ``store`` in the settings), views are integrated
+as they come.
 """
 
 from __future__ import annotations
@@ -27,23 +28,23 @@ from surveilnav.services.fusion.map_log.snapshots import SnapshotWriter
 from surveilnav.services.fusion.map_log.store import Entry, Store, StoredEvent, StoreError
 from surveilnav.services.fusion.perceived import PerceivedView, ViewKey
 
-_NEWEST_VIEWS = 64  # of one source, among which a picture is looked for
+_NEWEST_VIEWS = 64  # of one source, which are searched for a picture
 
 
 class LogState(Enum):
-    """How far the file is, compared with the maps."""
+    """How the file compares with the maps."""
 
     NO_FILE = "the maps end with the process"
-    UNREAD = "the file hasn't been read into the maps yet"
-    LACKS_MAPS = "the file is new and needs a snapshot of the maps before any view"
+    UNREAD = "the maps haven't been restored from the file yet"
+    LACKS_MAPS = "the file is new and needs a snapshot of the maps before any view is logged"
     READY = "the file holds everything that the maps hold"
 
 
 class MapLog:
-    """Logs views and integrates them. For the main loop; ``forget_pictures`` and what only reads are safe from any thread.
+    """Logs views and integrates them. To be used by the main loop; ``forget_pictures`` and all that only reads is thread-safe.
 
     Attributes:
-        state: how far the file is.
+        state: how the file compares with the maps.
         problem: why views can't be logged now; "" while they can.
     """
 
@@ -55,7 +56,7 @@ class MapLog:
         self._retry_s, self._retry_at_s = settings.retry_s, 0.0
         self._forgets_on_recovery = keep_pictures_s is not None
         self._waiting: dict[ViewKey, PerceivedView] = {}
-        self._events: list[StoredEvent] = []  # not written yet
+        self._events: list[StoredEvent] = []  # that aren't written yet
         self.problem = ""
         self.state = LogState.UNREAD if settings.store else LogState.NO_FILE
         overwrite = keep_pictures_s is not None
@@ -65,13 +66,13 @@ class MapLog:
 
     @property
     def is_blocked(self) -> bool:
-        """Whether views wait for the file: no more should be brought."""
+        """Whether views wait for the file, so that no more should be taken from perception."""
         return bool(self._waiting and self.problem)
 
     # --- views ----------------------------------------------------------------------------------------------------
 
     def integrate(self, arrived: Iterable[PerceivedView]) -> None:
-        """Logs views and integrates them, by time, then source, then view; writes a snapshot if one is due."""
+        """Logs views and integrates them in the order of time, then source, then view; writes a snapshot if one is due."""
         for perceived in arrived:
             if self._is_new(perceived):
                 self._waiting[perceived.key] = perceived
@@ -83,7 +84,7 @@ class MapLog:
             self._snapshots.remove_old_files()
 
     def _is_new(self, perceived: PerceivedView) -> bool:
-        """Whether a view must be logged: neither a camera's picture that the maps hold nor a fault that it had before."""
+        """Whether a view must be logged, that is, neither its picture nor its fault is what was processed last."""
         key, processed = perceived.key, self._maps.processed
         if processed.repeats_fault(perceived):
             self._report(perceived, Outcome(fault=perceived.fault))
@@ -108,7 +109,7 @@ class MapLog:
         self._write_events()
 
     def _integrate(self, number: int, perceived: PerceivedView) -> Outcome:
-        """A view that is logged into the maps."""
+        """Integrates a logged view, and collects the events that it causes."""
         outcome = self._maps.integrate(perceived, number)
         if self.state is not LogState.NO_FILE:
             self._snapshots.record_logged(len(perceived.payload), integrated=outcome.integrated)
@@ -119,7 +120,7 @@ class MapLog:
         return outcome
 
     def _report(self, perceived: PerceivedView, outcome: Outcome) -> None:
-        """Counts what is wrong with a view, by the name of the fault."""
+        """Counts and logs what is wrong with a view, by the name of the fault."""
         source, view = perceived.key
         if outcome.n_missed:
             self._node.reject("view.missing_seq", f"{source} skipped {outcome.n_missed} before {perceived.header.seq}")
@@ -128,7 +129,7 @@ class MapLog:
             self._node.reject(f"view.{name}", f"{source} view {view}: {outcome.fault}")
 
     def _write_events(self) -> None:
-        """Commits what happened to objects. If that fails it waits; the views that caused it are logged."""
+        """Commits the events of objects. If that fails, it is tried again later; the views that caused them are logged."""
         if not self._events:
             return
         try:
@@ -138,19 +139,19 @@ class MapLog:
             self._node.warn_seldom("events can't be written", error=str(error))
 
     def _block(self, error: StoreError) -> None:
-        """Views wait for the file, which is tried again after a pause."""
+        """Makes views wait for the file, which is tried again after a pause."""
         self.problem = f"views wait, the store can't be written: {error}"
         self._retry_at_s = time.monotonic() + self._retry_s
         self._node.warn_seldom("the store can't be written", error=str(error))
 
-    # --- what others ask ------------------------------------------------------------------------------------------
+    # --- queries --------------------------------------------------------------------------------------------------
 
     def object_history(self, floor: str, object_id: int) -> list[ObjectEvent] | None:
-        """Everything that ever happened to an object; None without a file. StoreError: it can't be read."""
+        """All events of an object since its creation; None without a file. StoreError: the file can't be read."""
         return None if self.state is LogState.NO_FILE else self._store.history(floor, object_id)
 
     def picture(self, source: str, view: int, seq: int) -> bytes | None:
-        """The JPEG of a view, None if the log doesn't have it (any more). StoreError: it can't be read."""
+        """The JPEG of a view; None if the log doesn't have it (any more). StoreError: the file can't be read."""
         if self.state is LogState.NO_FILE:
             return None
         newest = self._store.newest(source, view, _NEWEST_VIEWS)
@@ -171,12 +172,12 @@ class MapLog:
         for number, entry in self._store.log(after):
             if number > newest:
                 break
-            if entry is not None:  # whoever asks sees by the numbers that a damaged one is missing
+            if entry is not None:  # a damaged view is skipped, which the client sees by the numbers
                 return newest, number, entry
         return newest, 0, None
 
     def forget_pictures(self) -> bool:
-        """Makes all pictures leave the file within seconds; False: there is no file."""
+        """Has all pictures removed from the file within seconds. False: there is no file."""
         if self.state is LogState.NO_FILE:
             return False
         self._snapshots.forget_pictures()
@@ -190,7 +191,7 @@ class MapLog:
     # --- recovery -------------------------------------------------------------------------------------------------
 
     def _make_ready(self) -> bool:
-        """Brings maps and file to hold the same; whether views may be logged now."""
+        """Brings file and maps into the same state, if possible; returns whether views may be logged now."""
         if self.state is LogState.UNREAD:
             self._recover()
         if self.state is LogState.LACKS_MAPS:
@@ -202,7 +203,7 @@ class MapLog:
         return self.state in (LogState.READY, LogState.NO_FILE)
 
     def _recover(self) -> None:
-        """Reads the file into the maps. What can't be used is logged and set aside; an unreadable disk is tried again."""
+        """Restores the maps from the file. A file that can't be used is set aside; one that can't be read now is tried again."""
         began_s = time.monotonic()
         try:
             restore_newest_snapshot(self._store, self._node, self._maps)
@@ -225,12 +226,12 @@ class MapLog:
             except Exception as error:  # a view that ended the previous process must not end this one
                 self._node.log.warning("log_view_lost", number=number, error=f"{type(error).__name__}: {error}")
         self._write_events()
-        if self._forgets_on_recovery and self._maps.number:  # nobody knows how long its pictures have been there
+        if self._forgets_on_recovery and self._maps.number:  # it is unknown how long its pictures have been in the file
             self._snapshots.forget_pictures()
 
     def _begin_new_file(self, name: str, message: str) -> None:
-        """Sets aside a file that can't be used any more. The maps, if they hold anything, go into the new one first."""
-        self._snapshots.wait()  # into the old file
+        """Sets aside a file that can't be used any more. If the maps hold anything, they are written into the new one first."""
+        self._snapshots.wait()  # a snapshot may still be written into the old file
         try:
             aside = self._store.set_aside(name)
         except StoreError as error:

@@ -20,13 +20,13 @@ _REPLY = msgspec.msgpack.Decoder(InferReply)
 
 
 def restore_newest_snapshot(store: Store, node: Node, maps: BuildingMaps) -> None:
-    """Has the maps go on from the newest snapshot that can be read; damaged ones are logged and left out.
+    """Restores the maps from the newest snapshot that can be read. Damaged ones are logged and skipped.
 
-    If that leaves a gap before the log, the file is copied aside for whoever can repair it, since the next snapshots will
+    If that leaves a gap before the log, the file is copied aside so that somebody may repair it, since the next snapshots will
     replace what it still holds.
 
     Raises:
-        SnapshotError: it is of another version or of other settings. StoreError: the file can't be read.
+        SnapshotError: the snapshot is of another version or of other settings. StoreError: the file can't be read.
     """
     damaged = []
     for up_to, data in store.snapshots():
@@ -47,7 +47,7 @@ def restore_newest_snapshot(store: Store, node: Node, maps: BuildingMaps) -> Non
 
 
 def logged_views(store: Store, node: Node, after: int) -> Iterator[tuple[int, PerceivedView]]:
-    """The views logged after number ``after``, with their numbers; damaged and missing ones are logged. StoreError."""
+    """The views logged after number ``after``, with their numbers. Damaged and missing ones are reported. StoreError."""
     for number, entry in store.log(after):
         if number > after + 1:
             node.log.warning("log_gap", after=after, next=number)
@@ -63,13 +63,13 @@ def logged_views(store: Store, node: Node, after: int) -> Iterator[tuple[int, Pe
 
 
 def entry_from_perceived(p: PerceivedView) -> Entry:
-    """A view as it is logged."""
+    """The log entry of a perceived view."""
     source, view = p.key
     return Entry(source, view, msgspec.msgpack.encode(p.header), bytes(p.payload), p.reply, p.digest, p.fault)
 
 
 def perceived_from_entry(entry: Entry) -> PerceivedView:
-    """The view that was logged. WireError, msgspec.DecodeError: it can't be read."""
+    """The perceived view of a log entry. WireError, msgspec.DecodeError: it can't be decoded."""
     key, header = (entry.source, entry.view), _HEADER.decode(entry.header)
     if entry.fault or not entry.payload:
         return PerceivedView(key, header, fault=entry.fault)
@@ -79,7 +79,7 @@ def perceived_from_entry(entry: Entry) -> PerceivedView:
 
 
 def jpeg_of(entry: Entry, seq: int) -> bytes | None:
-    """The colour picture of a logged view, if it is that of sequence number ``seq``."""
+    """The JPEG of a logged view; None if its sequence number isn't ``seq``, or it has no JPEG."""
     header = _HEADER.decode(entry.header)
     if header.seq != seq or not entry.payload or header.image.encoding != "jpeg":
         return None

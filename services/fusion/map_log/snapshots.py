@@ -1,4 +1,4 @@
-"""When snapshots of the maps are due, and writing them beside the main loop.
+"""When snapshots of the maps are due, and a thread that writes them beside the main loop.
 
 Privacy sets a limit on how long pictures may stay in the log. The store drops the part of the log that the older of its two
 snapshots contains, so a picture leaves the file with the second snapshot after it.
@@ -16,13 +16,16 @@ from surveilnav.services.fusion.config import FusionSettings
 from surveilnav.services.fusion.core.snapshot import pack
 from surveilnav.services.fusion.map_log.store import Store, StoreError
 
-_RETRY_S = 30.0  # after a snapshot for the pictures' sake couldn't be written
-_CLEAN_UP_S = 60.0  # between two looks at the files that were set aside
-_ROW_BYTES = 1024  # that a view takes in the log beside its picture, about
+_RETRY_S = 30.0  # after a snapshot that was due for privacy couldn't be written
+_CLEAN_UP_S = 60.0  # between two checks of the files that were set aside
+_ROW_BYTES = 1024  # that a view takes in the log, roughly, apart from its picture
 
 
 class SnapshotWriter:
-    """Says when a snapshot is due and writes it on a thread of its own. For the main loop, but for ``forget_pictures``."""
+    """Says when a snapshot is due, and writes it on a thread of its own.
+
+    To be used by the main loop; only ``forget_pictures`` is thread-safe.
+    """
 
     def __init__(self, node: Node, store: Store, settings: FusionSettings, keep_pictures_s: float | None) -> None:
         """``keep_pictures_s``: how long pictures may stay in the file; None: as long as the log needs them."""
@@ -43,14 +46,14 @@ class SnapshotWriter:
 
     @property
     def is_due(self) -> bool:
-        """Whether a snapshot should be written now, and none is being written."""
+        """Whether a snapshot should be written now. False while one is being written."""
         settings = self._settings
         due = self._views >= settings.snapshot_views or self._bytes >= settings.snapshot_mb << 20
         due = due or self._age.is_due(time.monotonic())
         return due and not (self._thread is not None and self._thread.is_alive())
 
     def write(self, state: State) -> None:
-        """Writes a snapshot beside the main loop. ``state`` must not change any more."""
+        """Starts to write a snapshot beside the main loop. ``state`` mustn't change any more."""
         self._views, self._bytes = 0, 0
         wipe = self._age.record_snapshot(time.monotonic()) and self._wipe
         self._wipe = self._wipe and not wipe
@@ -58,18 +61,18 @@ class SnapshotWriter:
         self._thread.start()
 
     def write_first(self, state: State) -> None:
-        """Writes the first snapshot of a new file, at once. StoreError: it wasn't written."""
+        """Writes the first snapshot of a new file before it returns. StoreError: it wasn't written."""
         self._views, self._bytes = 0, 0
         self._store.save(pack(state | {"number": 0}), 0)
 
     def forget_pictures(self) -> None:
-        """Makes all pictures leave the file: two snapshots become due at once. Safe from any thread."""
+        """Has all pictures removed from the file: two snapshots become due at once. Safe from any thread."""
         self._age.forget()
         self._wipe = True
         self._cleaned_up_s = -math.inf
 
     def remove_old_files(self) -> None:
-        """Removes files that were set aside longer ago than pictures may be kept. Called often; looks once a minute."""
+        """Removes files that were set aside longer ago than pictures may be kept. May be called often; it acts once a minute."""
         now_s = time.monotonic()
         if (self._keep_pictures_s is None and not self._wipe) or now_s - self._cleaned_up_s < _CLEAN_UP_S:
             return
@@ -92,46 +95,46 @@ class SnapshotWriter:
             if wipe:
                 self._store.wipe()
                 self._node.log.info("pictures_forgotten", up_to=state["number"])
-        except Exception as error:  # nothing is lost: the log goes on from the snapshot before
+        except Exception as error:  # nothing is lost, since the log goes back to the previous snapshot
             self._age.record_failure(time.monotonic())
             self._wipe = self._wipe or wipe
             self._node.warn_seldom("a snapshot can't be written", error=f"{type(error).__name__}: {error}")
 
 
 class PictureAge:
-    """Says when snapshots are due so that no picture stays in the log for longer than ``keep_s``; None: no limit.
+    """When snapshots are due so that no picture stays in the log for longer than ``keep_s``. None: there is no limit.
 
     Times are those of a monotonic clock [s].
     """
 
     def __init__(self, keep_s: float | None) -> None:
         self._keep_s = keep_s
-        self._oldest_new_s: float | None = None  # age of the oldest view that no snapshot contains
-        self._oldest_superseded_s: float | None = None  # ... that one snapshot contains: the next drops it
+        self._oldest_new_s: float | None = None  # when the oldest view was logged that no snapshot contains
+        self._oldest_superseded_s: float | None = None  # ... that only one snapshot contains; the next one drops it
         self._snapshots_wanted, self._retry_at_s = 0, 0.0
 
     def forget(self) -> None:
-        """Everything that is in the log now must leave it."""
+        """Everything that is in the log now must be removed."""
         self._snapshots_wanted, self._retry_at_s = 2, 0.0
 
     def record_logged(self, now_s: float) -> None:
-        """A view was logged."""
+        """Records that a view was logged."""
         self._oldest_new_s = now_s if self._oldest_new_s is None else self._oldest_new_s
 
     def record_snapshot(self, now_s: float) -> bool:
-        """A snapshot is being written; returns whether everything that was to be forgotten leaves the log with it."""
+        """Records that a snapshot is being written; returns whether it removes everything that was to be forgotten."""
         self._oldest_superseded_s = now_s if self._oldest_new_s is not None else None
         self._oldest_new_s = None
         self._snapshots_wanted -= self._snapshots_wanted > 0
         return self._snapshots_wanted == 0
 
     def record_failure(self, now_s: float) -> None:
-        """The snapshot couldn't be written: the log is as it was."""
+        """Records that a snapshot couldn't be written, so that the log is as it was."""
         if self._keep_s is not None or self._snapshots_wanted:
             self._snapshots_wanted, self._retry_at_s = 2, now_s + _RETRY_S
 
     def is_due(self, now_s: float) -> bool:
-        """Whether a snapshot must be written for the pictures' sake."""
+        """Whether a snapshot must be written so that pictures are removed in time."""
         if now_s < self._retry_at_s:
             return False
         if self._snapshots_wanted:

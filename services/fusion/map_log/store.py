@@ -1,9 +1,9 @@
-"""What fusion must not lose: an append-only log of views, snapshots of the maps, and every event of every object.
+"""What fusion mustn't lose, in one SQLite file: an append-only log of views, snapshots of the maps, and all events of objects.
 
-One SQLite file. A view is committed here before the maps take it and long before a revision names it; a snapshot
-makes the log before it superfluous. The two newest snapshots and the log since the older one are kept, so a snapshot
-that can't be read costs time and no view. A killed process loses nothing; synchronous=NORMAL leaves it to the operating
-system when a committed view reaches the disk, so a power cut may take the last ones.
+A view is committed here before it is integrated, long before a revision names it. A snapshot replaces the log up to it. The two
+newest snapshots are kept, and the log since the older of them, so a snapshot that can't be read costs time but no view. If
+the process is killed, nothing is lost. With synchronous=NORMAL, the operating system decides when a committed view reaches the
+disk, so a power cut may lose the newest ones.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ import msgspec
 from surveilnav.messages.maps import ObjectEvent
 
 _FORMAT = 1
-_CHUNK = 4 << 20  # a snapshot goes in by pieces, so that a view never waits for all of it
+_PIECE_BYTES = 4 << 20  # a snapshot is written in pieces, so that a view never waits for all of it
 _SCHEMA = """
 CREATE TABLE IF NOT EXISTS view (
     number INTEGER PRIMARY KEY AUTOINCREMENT, source TEXT, view INTEGER, header BLOB, payload BLOB, reply BLOB,
@@ -52,7 +52,7 @@ class StoreError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """A view as it arrived, and what perception replied. ``fault``: why it was of no use; then nothing else matters."""
+    """A view as it arrived, with perception's reply. ``fault``: why it couldn't be used; then the rest is meaningless."""
 
     source: str
     view: int
@@ -73,9 +73,12 @@ class Entry:
 
 @dataclass(frozen=True, slots=True)
 class StoredEvent:
-    """One line of an object's history.
+    """An event of an object.
 
-    ``number``: of the view that caused it, in the log; ``k``: its place among the events of that view.
+    Attributes:
+        number: number in the log of the view that caused it.
+        k: its position among the events of that view.
+        absorbed: id of the object that was merged into this one; 0 if none was.
     """
 
     number: int
@@ -87,17 +90,17 @@ class StoredEvent:
 
 
 class Store:
-    """The file at ``path``; safe to use from any thread. Opened when first needed, and again after a failure."""
+    """The file at ``path``. It is opened when first needed, and again after a failure. Safe from any thread."""
 
     def __init__(self, path: Path, *, max_events: int = 1_000_000, max_pages: int = 0, overwrite: bool = False) -> None:
-        """``overwrite``: what is deleted is overwritten, so that nobody finds it in the file."""
+        """``overwrite``: whether deleted content is overwritten, so that it can't be recovered from the file."""
         self.path, self._overwrite = path, overwrite
         self._max_events, self._max_pages = max_events, max_pages
         self._lock = threading.RLock()
         self._connection: sqlite3.Connection | None = None
 
     def append(self, entries: Sequence[Entry]) -> list[int]:
-        """Commits views to the log; returns their numbers. StoreError: not one of them was written."""
+        """Commits views to the log; returns their numbers. StoreError: none of them was written."""
         with self._writing() as db:
             return [
                 int(
@@ -126,7 +129,7 @@ class Store:
             yield after, _entry(fields, checksum)
 
     def newest(self, source: str, view: int, limit: int) -> list[Entry]:
-        """The views of a source that are logged still, newest first, at most so many; damaged ones left out. StoreError."""
+        """At most ``limit`` logged views of a source, newest first, without damaged ones. StoreError."""
         with self._reading() as db:
             rows = db.execute(
                 "SELECT source, view, header, payload, reply, digest, fault, checksum FROM view"
@@ -136,22 +139,24 @@ class Store:
         return [entry for *fields, checksum in rows if (entry := _entry(fields, checksum)) is not None]
 
     def add_events(self, events: Iterable[StoredEvent]) -> None:
-        """Commits events; those that came before, with the same numbers, stay. StoreError."""
+        """Commits events. Events with the same numbers that are stored already stay as they are. StoreError."""
         rows = [(e.number, e.k, e.floor, e.object_id, e.absorbed, msgspec.msgpack.encode(e.event)) for e in events]
         with self._writing() as db:
             db.executemany("INSERT OR IGNORE INTO event VALUES (?, ?, ?, ?, ?, ?)", rows)
 
     def history(self, floor: str, object_id: int) -> list[ObjectEvent]:
-        """Every event of an object and of those that were found to be the same, oldest first. StoreError."""
+        """All events of an object and of the objects that were merged into it, oldest first. StoreError."""
         with self._reading() as db:
             rows = db.execute(_FAMILY, (floor, object_id)).fetchall()
         return [_EVENT.decode(data) for (data,) in rows]
 
     def save(self, snapshot: bytes, up_to: int) -> None:
-        """Keeps a snapshot that holds the log up to a number, and drops what it makes superfluous. StoreError."""
-        pieces = [snapshot[i : i + _CHUNK] for i in range(0, len(snapshot), _CHUNK)]
+        """Saves a snapshot that contains the log up to number ``up_to``, and deletes what it makes superfluous. StoreError."""
+        pieces = [snapshot[i : i + _PIECE_BYTES] for i in range(0, len(snapshot), _PIECE_BYTES)]
         with self._writing() as db:
-            db.execute("DELETE FROM piece WHERE snapshot NOT IN (SELECT id FROM snapshot)")  # of one that never ended
+            db.execute(
+                "DELETE FROM piece WHERE snapshot NOT IN (SELECT id FROM snapshot)"
+            )  # of a snapshot that wasn't finished
             newest = db.execute("SELECT COALESCE(MAX(id), 0) FROM snapshot").fetchone()[0]
         for k, data in enumerate(pieces):
             with self._writing() as db:
@@ -174,7 +179,7 @@ class Store:
             db.execute("PRAGMA wal_checkpoint(TRUNCATE)")
 
     def snapshots(self) -> Iterator[tuple[int, bytes | None]]:
-        """(number up to which it holds the log, its bytes) of the snapshots, newest first; None: damaged. StoreError."""
+        """The snapshots, newest first: (number up to which it contains the log, its bytes or None if damaged). StoreError."""
         with self._reading() as db:
             rows = db.execute("SELECT id, up_to, pieces, checksum FROM snapshot ORDER BY id DESC").fetchall()
         for id, up_to, n_pieces, checksum in rows:
@@ -184,19 +189,19 @@ class Store:
             except StoreError:
                 pieces = []
             data = b"".join(piece for (piece,) in pieces)
-            whole = len(pieces) == n_pieces and zlib.crc32(data) == checksum
-            yield up_to, data if whole else None
+            is_complete = len(pieces) == n_pieces and zlib.crc32(data) == checksum
+            yield up_to, data if is_complete else None
 
     def wipe(self) -> None:
-        """Has nothing left in the file that was deleted, now and from here on. StoreError."""
-        self.close()  # it is opened anew with the new setting
+        """Overwrites everything in the file that was deleted, now and from now on. StoreError."""
+        self.close()  # to be opened again with the new setting
         self._overwrite = True
         with self._reading() as db:
             db.execute("VACUUM")
             db.execute("PRAGMA wal_checkpoint(TRUNCATE)")
 
     def drop_aside(self, before_s: float) -> int:
-        """Removes what was set aside before a time [s since the epoch]; how many files. StoreError."""
+        """Removes files that were set aside before a time [s since the epoch]; returns how many. StoreError."""
         ours = {self.path.name + ending for ending in ("", "-wal", "-shm", "-journal")}
         removed = 0
         try:
@@ -211,11 +216,11 @@ class Store:
         return removed
 
     def set_aside(self, reason: str, *, copy: bool = False) -> Path:
-        """Moves or copies the file out of the way, in the place of what went there before; returns where to. StoreError."""
+        """Moves or copies the file to a name that ends in ``reason``, replacing an older one; returns its path. StoreError."""
         self.close()
         aside = self.path.with_name(f"{self.path.name}.{reason}")
         try:
-            if self.path.exists():  # SQLite would read the old file's log with the new one
+            if self.path.exists():  # otherwise SQLite would apply an older file's write-ahead log to it
                 for ending in ("-wal", "-shm"):
                     aside.with_name(aside.name + ending).unlink(missing_ok=True)
             for ending in ("", "-wal", "-shm"):
@@ -244,12 +249,15 @@ class Store:
                 if self._connection is None:
                     self._connection = self._open()
                 yield self._connection
-            except (sqlite3.OperationalError, OSError) as error:  # full, locked, not there, not ours
+            except (
+                sqlite3.OperationalError,
+                OSError,
+            ) as error:  # the disk is full, or the file is locked, missing or not writable
                 self.close()
                 raise StoreError("unwritable", f"{self.path}: {error}") from error
             except sqlite3.DatabaseError as error:
                 self.close()
-                if type(error) is not sqlite3.DatabaseError:  # a mistake of this program
+                if type(error) is not sqlite3.DatabaseError:  # an error in this program
                     raise
                 raise StoreError("corrupt", f"{self.path}: {error}") from error
 
@@ -263,7 +271,7 @@ class Store:
     def _open(self) -> sqlite3.Connection:
         self.path.parent.mkdir(parents=True, exist_ok=True)
         db = sqlite3.connect(self.path, timeout=10.0, isolation_level=None, check_same_thread=False)
-        db.text_factory = bytes  # text that is damaged must not look like a disk that can't be read
+        db.text_factory = bytes  # damaged text mustn't look like an unreadable disk
         try:
             for pragma in ("journal_mode=WAL", "synchronous=NORMAL", f"journal_size_limit={64 << 20}"):
                 db.execute(f"PRAGMA {pragma}")

@@ -18,7 +18,7 @@ from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Histo
 
 from surveilnav.histogram import EDGES_MS
 from surveilnav.messages import WorkerLoad
-from surveilnav.mission_states import MissionState
+from surveilnav.mission_states import MissionStateName
 from surveilnav.rest import (
     Camera,
     Floor,
@@ -175,7 +175,7 @@ def _robot_and_mission_metrics(state: BuildingMetrics) -> Iterator[Metric]:
     yield _gauge("robot_up", "1: the robot was heard of", robots, lambda r: {"robot": r.id}, lambda r: not r.stale)
     states = Counter(m.state for m in state.missions)
     what = "Missions by state, of those that are known"
-    known = get_args(MissionState)
+    known = get_args(MissionStateName)
     yield _gauge("missions", what, known, lambda state: {"state": state}, lambda state: states[state])
     what = "Missions that ended at their target, of those that are known"
     yield _single("missions_found", what, sum(m.found for m in state.missions))

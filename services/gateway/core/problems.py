@@ -7,7 +7,7 @@ from typing import Any
 TYPE = "urn:surveilnav:problem:"
 MEDIA_TYPE = "application/problem+json"
 
-#: Names that planner, fusion and nodes refuse with. What isn't here conflicts with the state of things: 409.
+#: The statuses of the error names with which planner, fusion and other nodes refuse. Names that aren't here are conflicts: 409.
 STATUS_OF = {
     "bad_target": 422,
     "bad_message": 422,
@@ -55,7 +55,7 @@ _TITLES = {
 
 
 class Problem(Exception):  # noqa: N818  # the word of RFC 9457
-    """An answer that isn't what was asked for.
+    """Why a request can't be answered as asked; it becomes an RFC 9457 problem.
 
     ``name`` ends the problem's type (``urn:surveilnav:problem:{name}``), ``more`` adds members.
     """
@@ -77,13 +77,13 @@ class Problem(Exception):  # noqa: N818  # the word of RFC 9457
 
 
 def refusal(name: str, message: str) -> Problem:
-    """The problem for an error name from the bus. Remote text is cut: it may be as long as its sender likes."""
+    """The problem for an error name from the bus. Remote text is cut, as its sender may have made it any length."""
     status = STATUS_OF.get(name, 409)
     return Problem(status, name[:64] or "refused", message[:2000] or f"refused: {name[:64] or 'no reason given'}")
 
 
 def invalid(errors: list[dict[str, Any]]) -> Problem:
-    """The problem for pydantic's list of validation errors: where, and what is expected there."""
+    """The problem for pydantic's list of validation errors. It says where each is, and what is expected there."""
     broken = any(e.get("type") == "json_invalid" for e in errors)
     found = [
         {"where": ".".join(str(p) for p in e.get("loc", ())), "message": str(e.get("msg", ""))} for e in errors[:20]

@@ -1,8 +1,9 @@
-"""What a worker decides: who waits, who goes first, who is turned away, what is kept. Pure: no clock, no thread, no log.
+"""What a worker decides. Pure: no clock, no thread, no log.
 
-queue      what waits before each stage
-checks     what a request must hold
-cache      answers and text embeddings, by content
-probe      the picture that a worker must answer before it is ready
-answer     what a finished view becomes on the bus
+queue    the requests that wait before each stage: order, capacity, deadlines
+checks   what a request must contain
+cache    the byte-bounded cache, and cache keys by content
+probe    the picture that a worker must answer before it is ready
+reply    the reply to a request, fresh or from the cache
+refusal  why a request gets no reply
 """

@@ -1,4 +1,4 @@
-"""What a request must hold, checked before anything of it is decoded or waits."""
+"""What a request must contain. Checked on arrival, before anything is decoded or queued."""
 
 from __future__ import annotations
 
@@ -6,17 +6,17 @@ from surveilnav.errors import TargetError, WireError
 from surveilnav.messages import InferRequest
 from surveilnav.sensing.packing import check_rgbd
 from surveilnav.services.perception.core.refusal import Refusal
-from surveilnav.words import MAX_WORDS, checked_word
+from surveilnav.words import MAX_WORDS, validate_word
 
 MAX_TEXTS, MAX_TEXT_CHARS = 256, 500
 
 
 def check_view(request: InferRequest, payload: bytes, *, needs_prompts: bool) -> None:
-    """Whether a request can be a view's; ``needs_prompts`` is the backend's.
+    """Checks a request about a view. ``needs_prompts``: whether the backend finds only what it is asked for.
 
     Raises:
-        WireError: no picture, or one whose header and bytes don't fit.
-        Refusal: "bad_prompt", "no_prompt", or "too_late" (its deadline lies in the past).
+        WireError: there is no picture, or its header and its bytes don't fit each other.
+        Refusal: "bad_prompt", "no_prompt", or "too_late" if the deadline has passed.
     """
     if request.camera is None or request.image is None or request.depth is None:
         raise WireError("a picture needs camera, image and depth in its request")
@@ -26,7 +26,7 @@ def check_view(request: InferRequest, payload: bytes, *, needs_prompts: bool) ->
         raise Refusal("bad_prompt", f"up to {MAX_WORDS} prompts can be looked for at once, got {len(request.prompts)}")
     for prompt in request.prompts:
         try:
-            checked_word(prompt)
+            validate_word(prompt)
         except TargetError as error:
             raise Refusal("bad_prompt", f"a prompt can't be looked for: {error}") from error
     if needs_prompts and request.detects and not request.prompts:
@@ -38,7 +38,7 @@ def check_view(request: InferRequest, payload: bytes, *, needs_prompts: bool) ->
 
 
 def check_texts(request: InferRequest) -> None:
-    """Whether a request can be for embeddings of texts. WireError: too many, too long, none, or nothing to read."""
+    """Checks a request for text embeddings. Raises WireError if there are none or too many, or one is too long or blank."""
     if not 1 <= len(request.texts) <= MAX_TEXTS or any(len(text) > MAX_TEXT_CHARS for text in request.texts):
         raise WireError(
             f"expected 1 to {MAX_TEXTS} texts of up to {MAX_TEXT_CHARS} characters, got {len(request.texts)}, "

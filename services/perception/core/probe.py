@@ -1,4 +1,4 @@
-"""The picture that a worker must answer before it is ready: weights that load may still answer nonsense."""
+"""The picture that a worker must answer correctly before it is ready: weights may load and still produce nonsense."""
 
 from __future__ import annotations
 
@@ -10,47 +10,47 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surveilnav.geometry import Pinhole
-from surveilnav.perception.backend import Work
+from surveilnav.perception.backend import ViewTask
 from surveilnav.perception.protocols import RgbdView
-from surveilnav.sensing.views import Detected, TrueInstances, ViewPerception, box_cells
+from surveilnav.sensing.views import DetectedObject, TrueInstances, ViewPerception, box_cells
 
 PROMPTS: Final = ("chair",)
 _CAMERA = Pinhole.from_hfov(320, 240, math.radians(79.0))
-_UNIT = 0.05  # how far a unit vector's length may be off
+_UNIT_TOLERANCE = 0.05  # deviation of a unit vector's length from 1
 
 
-def probe() -> Work:
-    """A picture of nothing much, 2 m away; a backend that is told the truth is told that nothing is there."""
+def probe_task() -> ViewTask:
+    """A picture of a colour gradient 2 m away. Backends that are told the truth are told that it shows no instance."""
     y, x = np.mgrid[0 : _CAMERA.height_px, 0 : _CAMERA.width_px]
     rgb = np.stack([x * 255 // _CAMERA.width_px, y * 255 // _CAMERA.height_px, (x + y) % 256], axis=2).astype(np.uint8)
     depth_m = np.full(rgb.shape[:2], 2.0, np.float32)
     nothing = TrueInstances(np.zeros(rgb.shape[:2], np.uint16))
-    return Work(RgbdView(rgb, depth_m, _CAMERA), PROMPTS, nothing, ("probe",))
+    return ViewTask(RgbdView(rgb, depth_m, _CAMERA), PROMPTS, nothing, ("probe",))
 
 
-def problem(seen: ViewPerception | None, embedding_dim: int) -> str:
-    """What is wrong with the answer to the probe; empty: nothing.
+def find_problem(seen: ViewPerception | None, embedding_dim: int) -> str:
+    """What is malformed in the answer to the probe; empty if nothing is.
 
-    Right is what is well-formed: unit embeddings of ``embedding_dim`` finite numbers, boxes with pixels in the picture,
-    masks of their size, scores from 0 to 1.
+    A well-formed answer has unit embeddings of ``embedding_dim`` finite numbers, boxes inside the picture, masks of the
+    size of their boxes, and scores from 0 to 1.
     """
     if seen is None:
         return "its last stage gave no answer"
     if not _is_unit(seen.image_embedding, embedding_dim):
-        return f"expected a unit embedding of {embedding_dim} numbers, got {_told(seen.image_embedding)}"
+        return f"expected a unit embedding of {embedding_dim} numbers, got {_describe(seen.image_embedding)}"
     for detected in seen.detections:
-        if wrong := _wrong(detected, embedding_dim):
-            return f"its detection {detected.label!r} has {wrong}"
+        if fault := _detection_problem(detected, embedding_dim):
+            return f"its detection {detected.label!r} has {fault}"
     return ""
 
 
-def text_problem(rows: Sequence[NDArray[np.float32]], embedding_dim: int) -> str:
-    """The same of embeddings of texts."""
+def find_text_problem(rows: Sequence[NDArray[np.float32]], embedding_dim: int) -> str:
+    """What is malformed in embeddings of texts; empty if nothing is."""
     bad = [row for row in rows if not _is_unit(row, embedding_dim)]
-    return f"expected unit embeddings of {embedding_dim} numbers for texts, got {_told(bad[0])}" if bad else ""
+    return f"expected unit embeddings of {embedding_dim} numbers for texts, got {_describe(bad[0])}" if bad else ""
 
 
-def _wrong(detected: Detected, embedding_dim: int) -> str:
+def _detection_problem(detected: DetectedObject, embedding_dim: int) -> str:
     x0, y0, x1, y1 = detected.box_px
     if not (0 <= x0 < x1 <= _CAMERA.width_px and 0 <= y0 < y1 <= _CAMERA.height_px):  # False for NaN
         return f"a box outside the picture: {detected.box_px}"
@@ -60,13 +60,13 @@ def _wrong(detected: Detected, embedding_dim: int) -> str:
     if not 0 <= detected.score <= 1:
         return f"a score of {detected.score}"
     if not _is_unit(detected.embedding, embedding_dim):
-        return f"no unit embedding but {_told(detected.embedding)}"
+        return f"no unit embedding but {_describe(detected.embedding)}"
     return ""
 
 
 def _is_unit(vector: NDArray[np.float32], dim: int) -> bool:
-    return vector.shape == (dim,) and abs(float(np.linalg.norm(vector)) - 1.0) < _UNIT  # False for NaN
+    return vector.shape == (dim,) and abs(float(np.linalg.norm(vector)) - 1.0) < _UNIT_TOLERANCE  # False for NaN
 
 
-def _told(vector: NDArray[np.float32]) -> str:
+def _describe(vector: NDArray[np.float32]) -> str:
     return f"one of shape {vector.shape} and length {float(np.linalg.norm(vector)):.3g}"

@@ -12,9 +12,9 @@ warm_up     compiles the inner loops before a robot waits for them
 
 from surveilnav.services.planner.core.config import PlannerConfig
 from surveilnav.services.planner.core.decision import Decision
-from surveilnav.services.planner.core.inputs import MapView, RobotView
+from surveilnav.services.planner.core.inputs import FloorMaps, RobotView
 from surveilnav.services.planner.core.memory.floor_memory import FloorMemory
 from surveilnav.services.planner.core.memory.mission_state import MissionState
 from surveilnav.services.planner.core.step import step
 
-__all__ = ["Decision", "FloorMemory", "MapView", "MissionState", "PlannerConfig", "RobotView", "step"]
+__all__ = ["Decision", "FloorMemory", "FloorMaps", "MissionState", "PlannerConfig", "RobotView", "step"]

@@ -15,7 +15,7 @@ from surveilnav.services.planner.core.config import PlannerConfig
 from surveilnav.services.planner.core.decision import Decision, Phase
 from surveilnav.services.planner.core.goals import objects
 from surveilnav.services.planner.core.goals.frontiers import Frontier, find_frontiers
-from surveilnav.services.planner.core.inputs import MapView, RobotView
+from surveilnav.services.planner.core.inputs import FloorMaps, RobotView
 from surveilnav.services.planner.core.memory.mission_state import MissionState
 from surveilnav.services.planner.core.motion.drive import LocalPlanner, Route
 from surveilnav.services.planner.core.motion.terrain import Terrain, build_terrain, coarse_travel_time_m
@@ -57,7 +57,7 @@ class StepContext:
     """
 
     state: MissionState
-    maps: MapView
+    maps: FloorMaps
     robot: RobotView
     config: PlannerConfig
     planner: LocalPlanner
@@ -70,7 +70,7 @@ class StepContext:
     def from_inputs(
         cls,
         state: MissionState,
-        maps: MapView,
+        maps: FloorMaps,
         robot: RobotView,
         config: PlannerConfig,
         planner: LocalPlanner,

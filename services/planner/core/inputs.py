@@ -14,7 +14,7 @@ from surveilnav.messages import ObjectRecord, RobotStatus, Stair
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MapView:
+class FloorMaps:
     """The joint maps of one floor at one revision.
 
     Attributes:

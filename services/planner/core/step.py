@@ -18,7 +18,7 @@ from surveilnav.services.planner.core.decision import Decision
 from surveilnav.services.planner.core.goals.floors import describe_failed_stairs, floor_with_evidence
 from surveilnav.services.planner.core.goals.frontier_choice import best_frontier
 from surveilnav.services.planner.core.goals.unchosen_objects import unchosen_objects
-from surveilnav.services.planner.core.inputs import MapView, RobotView
+from surveilnav.services.planner.core.inputs import FloorMaps, RobotView
 from surveilnav.services.planner.core.memory.mission_state import MissionState
 from surveilnav.services.planner.core.motion.drive import FmmPlanner, LocalPlanner
 from surveilnav.services.planner.core.stages.confirmed_target import leave_outdone_object
@@ -32,7 +32,7 @@ _NO_SUMMARIES: Mapping[str, Mapping[str, float]] = {}
 
 def step(
     state: MissionState,
-    maps: MapView,
+    maps: FloorMaps,
     robot: RobotView,
     config: PlannerConfig,
     planner: LocalPlanner = _FMM,

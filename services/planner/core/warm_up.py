@@ -7,7 +7,7 @@ import numpy as np
 from surveilnav.geometry import Grid
 from surveilnav.messages import ObjectRecord
 from surveilnav.services.planner.core.config import PlannerConfig
-from surveilnav.services.planner.core.inputs import MapView, RobotView
+from surveilnav.services.planner.core.inputs import FloorMaps, RobotView
 from surveilnav.services.planner.core.memory.mission_state import MissionState
 from surveilnav.services.planner.core.step import step
 
@@ -39,7 +39,7 @@ def warm_up(config: PlannerConfig) -> None:
     step(MissionState("chair"), maps, robot, config)
 
 
-def _half_a_room() -> MapView:
+def _half_a_room() -> FloorMaps:
     """A square floor of 12 m between walls, half of it explored, with a chair. The robot stands at (0, 0) [m]."""
     grid = Grid.centred(0.0, 0.0, 12.0, 0.05)
     walls, seen, frontier = (np.zeros(grid.shape, np.uint8) for _ in range(3))
@@ -47,4 +47,4 @@ def _half_a_room() -> MapView:
     edge = int(grid.cells_of((2.0, 0.0))[1])
     seen[:, :edge], frontier[2:-2, edge - 1] = 1, 1
     value = np.where(seen, 0.2, np.nan).astype(np.float32)
-    return MapView("0", 0.0, grid, walls, seen, frontier, value, [_CHAIR], 1)
+    return FloorMaps("0", 0.0, grid, walls, seen, frontier, value, [_CHAIR], 1)

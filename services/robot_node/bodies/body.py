@@ -1,4 +1,4 @@
-"""What a robot node knows of its robot, whatever moves it."""
+"""The interface between the robot node and its robot, simulated or real."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from numpy.typing import NDArray
 
 from surveilnav.geometry import Matrix4, Pinhole
 from surveilnav.messages import Stair
+from surveilnav.robot_state import RobotState
 from surveilnav.sensing.views import TrueInstances
-from surveilnav.services.robot_node.core import RobotState
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Look:
-    """What a robot saw in one state.
+class Observation:
+    """What the robot's camera sees in one state.
 
     Attributes:
-        state: where it stood, and what it had done.
-        T_world_camera: (4, 4) of its camera then.
-        camera: intrinsics of both pictures (registered).
+        state: the state in which the pictures were taken.
+        T_world_camera: (4, 4) pose of the camera at that moment.
+        camera: intrinsics of colour and depth, which are registered.
         mounting_offset_m: height of the camera above the floor.
-        depth_range_m: (nearest, farthest) that it measures.
+        depth_range_m: (nearest, farthest) depth that the camera measures.
         rgb: (height, width, 3) uint8.
         depth_m: (height, width) float32 [m] along the optical axis; 0 or NaN where there is none.
-        truth: what each pixel shows: a simulator knows, a real robot never does.
+        truth: which instance each pixel shows. Only simulated robots know; None on a real one.
     """
 
     state: RobotState
@@ -41,9 +41,11 @@ class Look:
 
 
 class Body(Protocol):
-    """One robot. Commands and looks come from two threads; commands never overlap.
+    """One robot. ``act`` and ``observe`` are called from two threads, ``halt`` from a third; two actions never overlap.
 
-    ``stairs``: those that it can take, in both directions. ``notes``: what people should know of where it can go.
+    Attributes:
+        stairs: the stairs or lifts that it can take, once for each direction.
+        notes: sentences for people about where it can't go.
     """
 
     stairs: Sequence[Stair]
@@ -51,25 +53,25 @@ class Body(Protocol):
 
     @property
     def state(self) -> RobotState:
-        """Where it is, and what it did last."""
+        """Where it is, and the outcome of its last action."""
         ...
 
     def refusal(self, action: str, to_floor: str | None = None) -> str:
-        """Why it can't carry out an action at all, for people; empty if it can."""
+        """Why it can't carry out an action at all, as a sentence for people; empty if it can."""
         ...
 
     def begin_mission(self, mission: str) -> None:
-        """Counts path and steps from here on; ``state`` names the mission."""
+        """Starts to count path and steps for a mission; from now on ``state.mission`` is ``mission``."""
         ...
 
     def act(self, action: str, to_floor: str | None = None) -> None:
-        """Carries out one action to its end; ask ``refusal`` first."""
+        """Carries out one action and returns when it has ended. Only called with actions that ``refusal`` allows."""
         ...
 
     def halt(self) -> None:
-        """Stops moving at once, also in the middle of an action, which then ends where it is. Comes from a third thread."""
+        """Stops the robot at once. An action in progress ends where the robot stands, and its ``act`` returns."""
         ...
 
-    def observe(self) -> Look:
-        """What it sees now."""
+    def observe(self) -> Observation:
+        """Takes pictures in the present state."""
         ...

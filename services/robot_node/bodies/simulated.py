@@ -1,84 +1,80 @@
-"""A robot in a simulated building: it moves by the core's rules, and what it sees is rendered."""
+"""A robot in a simulated building: it moves by ``robot_motion``, and its observations are rendered."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from surveilnav.errors import ConfigError, TargetError
 from surveilnav.messages import Stair
-from surveilnav.robot_body import CAMERA_HEIGHT_M, DEPTH_RANGE_M
+from surveilnav.robot_body import CAMERA, CAMERA_HEIGHT_M, DEPTH_RANGE_M
+from surveilnav.robot_state import RobotState
 from surveilnav.sensing.views import TrueInstances
-from surveilnav.services.robot_node import core
-from surveilnav.services.robot_node.bodies.body import Look
-from surveilnav.services.robot_node.bodies.kept import KeptState
+from surveilnav.services.robot_node.bodies.body import Observation
+from surveilnav.services.robot_node.bodies.state_file import StateFile
 from surveilnav.services.robot_node.config import RobotSettings
 from surveilnav.simulator.simulation import SimulatedBuilding
+from surveilnav.simulator.world import robot_motion
 from surveilnav.simulator.world.goals import find_goals, judge, sample_start
 
-#: Of a building's notes so many are told to whoever asks for the robot.
-_MOST_NOTES = 8
+#: A building may have hundreds of notes, and they travel in every status message.
+_MAX_NOTES = 8
 
 
 class SimulatedBody:
-    """A ``Body`` in a simulated building, beginning in ``state``. Every state is handed to ``keep`` before it is told."""
+    """A ``Body`` that starts in ``state``. Each new state is written to ``state_file``, if there is one, before it is shown."""
 
-    def __init__(
-        self,
-        building: SimulatedBuilding,
-        state: core.RobotState,
-        keep: Callable[[core.RobotState], None] = lambda _: None,
-    ) -> None:
-        self._building, self._state, self._keep = building, state, keep
+    def __init__(self, building: SimulatedBuilding, state: RobotState, state_file: StateFile | None = None) -> None:
+        self._building, self._state, self._file = building, state, state_file
         self._labels = building.scene.truth_labels
-        self.stairs: Sequence[Stair] = core.stairs_of(building.navigation)
-        self.notes: Sequence[str] = [*building.notes[:_MOST_NOTES]]
+        self.stairs: Sequence[Stair] = robot_motion.stairs_in(building.navigation)
+        self.notes: Sequence[str] = [*building.notes[:_MAX_NOTES]]
 
     @property
-    def state(self) -> core.RobotState:
-        """Where it is, and what it did last."""
+    def state(self) -> RobotState:
+        """Where it is, and the outcome of its last action."""
         return self._state
 
     def refusal(self, action: str, to_floor: str | None = None) -> str:
-        """Why it can't carry out an action at all, for people; empty if it can."""
-        return core.refusal(self._state, action, self._building.navigation, to_floor)
+        """Why it can't carry out an action at all, as a sentence for people; empty if it can."""
+        return robot_motion.refusal(self._state, action, self._building.navigation, to_floor)
 
     def begin_mission(self, mission: str) -> None:
-        """Counts path and steps from here on."""
-        self._enter(core.begin_mission(self._state, mission))
+        """Starts to count path and steps for a mission."""
+        self._enter(self._state.begin_mission(mission))
 
     def act(self, action: str, to_floor: str | None = None) -> None:
-        """Carries out one action, at once. Raises ValueError: it can't be carried out."""
-        self._enter(core.act(self._state, action, self._building.navigation, to_floor))
+        """Carries out one action, which takes no time. Raises ValueError if it can't be carried out."""
+        self._enter(robot_motion.act(self._state, action, self._building.navigation, to_floor))
 
     def halt(self) -> None:
-        """Nothing to do: its actions take no time, so it never moves when this comes."""
+        """Does nothing: actions take no time, so the robot never moves when this is called."""
 
-    def _enter(self, state: core.RobotState) -> None:
-        self._keep(state)
+    def _enter(self, state: RobotState) -> None:
+        if self._file is not None:
+            self._file.save(state)
         self._state = state
 
-    def observe(self) -> Look:
-        """The rendered view of the state it is in, with its instance ids."""
+    def observe(self) -> Observation:
+        """The rendered view of the present state, with its instance ids."""
         state = self._state
-        T_world_camera = core.camera_pose_of(state)
-        view = self._building.robot_view(T_world_camera, core.CAMERA, DEPTH_RANGE_M, state.seq)
+        T_world_camera = state.camera_pose()
+        view = self._building.robot_view(T_world_camera, CAMERA, DEPTH_RANGE_M, state.seq)
         truth = TrueInstances(view.instance_ids, self._labels, T_world_camera)
-        return Look(state, T_world_camera, core.CAMERA, CAMERA_HEIGHT_M, DEPTH_RANGE_M, view.rgb, view.depth_m, truth)
+        return Observation(state, T_world_camera, CAMERA, CAMERA_HEIGHT_M, DEPTH_RANGE_M, view.rgb, view.depth_m, truth)
 
 
 class SimulatedJudge:
-    """A ``Judge`` by the benchmark's rules."""
+    """A ``Judge`` that applies the benchmark's success rule."""
 
     def __init__(self, building: SimulatedBuilding) -> None:
         self._building = building
 
-    def __call__(self, target: str, state: core.RobotState) -> tuple[bool, float | None] | None:
-        """Whether a robot that stopped in ``state`` found ``target``, and how far it is from where it would have [m]; None:
-        nothing in the building is called so."""
+    def __call__(self, target: str, state: RobotState) -> tuple[bool, float | None] | None:
+        """See ``Judge``; None if nothing in the building is called ``target``."""
         building = self._building
         try:
             goals = find_goals(building.scene, building.navigation, target, caster=building.caster)
@@ -89,41 +85,41 @@ class SimulatedJudge:
         return verdict.success, distance_m if math.isfinite(distance_m) else None
 
 
-def simulated_body(building: SimulatedBuilding, settings: RobotSettings) -> SimulatedBody:
-    """A body where the store says that it stood, else at its start.
+def open_simulated_body(building: SimulatedBuilding, settings: RobotSettings) -> SimulatedBody:
+    """The robot where it last stood according to ``settings.store``, else at its start.
 
     Raises:
-        ConfigError: the start told isn't free floor; the message says what is.
+        ConfigError: the start in the settings isn't free floor; the message says what is.
     """
     if not settings.store:
         return SimulatedBody(building, start_state(building, settings))
-    begun = repr((building.scene.content_hash, building.settings.seed, settings.start, settings.start_for))
-    kept = KeptState(Path(settings.store), begun)
-    state = kept.load()
+    origin = repr((building.scene.content_hash, building.settings.seed, settings.start, settings.start_for))
+    file = StateFile(Path(settings.store), origin)
+    state = file.load()
     if state is None or not building.navigation.is_navigable(state.p_world, state.floor):
         state = start_state(building, settings)
-    return SimulatedBody(building, state, kept.save)
+    return SimulatedBody(building, state, file)
 
 
-def start_state(building: SimulatedBuilding, settings: RobotSettings) -> core.RobotState:
-    """Where the robot begins: as told, out of sight of a target, or anywhere it can move.
+def start_state(building: SimulatedBuilding, settings: RobotSettings) -> RobotState:
+    """Where the robot begins: at ``settings.start``, out of sight of ``settings.start_for``, or anywhere that it can move.
 
     Raises:
-        ConfigError: the place told isn't free floor; the message says what is.
+        ConfigError: the start in the settings isn't free floor; the message says what is.
     """
     navigation, seed = building.navigation, building.settings.seed
     if settings.start:
-        return _told(building, settings.start)
+        return _parse_start(building, settings.start)
     if settings.start_for:
         goals = find_goals(building.scene, navigation, settings.start_for, caster=building.caster)
         start = sample_start(building.scene, navigation, goals, seed=seed, caster=building.caster)
-        return core.RobotState(*start.p_m, start.floor, start.yaw_rad)
+        return RobotState(*start.p_m, start.floor, start.yaw_rad)
     rng = np.random.default_rng(seed)
     floor = max(navigation.robot_area, key=lambda f: int(navigation.robot_area[f].sum()))
-    return core.RobotState(*navigation.random_point(rng, floor), floor, float(rng.uniform(-np.pi, np.pi)))
+    return RobotState(*navigation.random_point(rng, floor), floor, float(rng.uniform(-np.pi, np.pi)))
 
 
-def _told(building: SimulatedBuilding, start: str) -> core.RobotState:
+def _parse_start(building: SimulatedBuilding, start: str) -> RobotState:
     parts = [part.strip() for part in start.split(",")]
     floors = list(building.navigation.floors)
     try:
@@ -138,4 +134,4 @@ def _told(building: SimulatedBuilding, start: str) -> core.RobotState:
         raise ConfigError(
             f"the robot can't stand at {x_m:g},{y_m:g} on floor {floor!r}; the nearest free place is {near}"
         )
-    return core.RobotState(x_m, y_m, z_m, floor, float(np.deg2rad(yaw_deg)))
+    return RobotState(x_m, y_m, z_m, floor, float(np.deg2rad(yaw_deg)))

@@ -1,11 +1,11 @@
-"""What every service stands on: the Zenoh session, queries with bounded queues, presence, traffic, health.
+"""The bus that connects all services: publishing, queries with bounded queues, presence, traffic figures, health.
 
-``Node`` is the whole interface; services see messages and numpy arrays, never a Zenoh type.
+``Node`` is the interface. Services see messages and bytes, never a type of Zenoh.
 """
 
 from surveilnav.bus.connection import Received
 from surveilnav.bus.node import Node
-from surveilnav.bus.publishing import Publisher, Slot, Subscription, Table
+from surveilnav.bus.publishing import LatestMessage, Publisher, Subscription, Table
 from surveilnav.bus.queries import Answer, Request
 from surveilnav.bus.settings import BusSettings
 from surveilnav.bus.wire import Refused, Unanswered, clock_ns
@@ -18,7 +18,7 @@ __all__ = [
     "Received",
     "Refused",
     "Request",
-    "Slot",
+    "LatestMessage",
     "Subscription",
     "Table",
     "Unanswered",

@@ -1,7 +1,7 @@
-"""A process's connection to the router: what publishers, queries and presence share.
+"""A process's connection to the router, which publishers, queries and presence share.
 
-Everything received is decoded and checked here; what doesn't decode is counted (``TrafficReport.rejected``),
-logged at a limited rate and dropped. Everything received is metered by key.
+Whatever arrives is decoded and checked here, and its bytes are counted by key. Data that can't be decoded is counted
+(``TrafficReport.rejected``), logged at a limited rate and dropped.
 """
 
 from __future__ import annotations
@@ -15,10 +15,11 @@ from typing import Any, Generic, TypeVar
 import structlog
 import zenoh
 
-from surveilnav.bus.logs import RateLimit
+from surveilnav.bus import wire
+from surveilnav.bus.logs import RateLimiter
 from surveilnav.bus.settings import MAX_MESSAGE_BYTES, BusSettings
 from surveilnav.bus.traffic import TrafficMeter
-from surveilnav.bus.wire import clock_ns, decode
+from surveilnav.bus.wire import clock_ns
 from surveilnav.contract import Stream, schema_of
 from surveilnav.errors import BusError, WireError
 from surveilnav.messages.base import Message
@@ -27,17 +28,25 @@ M = TypeVar("M", bound=Message)
 PRIORITY = {
     "control": zenoh.Priority.INTERACTIVE_HIGH,
     "data": zenoh.Priority.DATA_HIGH,
-    "maps": zenoh.Priority.DATA,  # before bulk data: a question for a map is small and must not wait for frames
+    "maps": zenoh.Priority.DATA,  # above bulk data: a query for a map is small and must not wait for frames
     "bulk": zenoh.Priority.DATA_LOW,
 }
-#: "Leave out" isn't Zenoh's DROP: that sends parts of a message before it gives it up. BLOCK_FIRST lets one message wait
-#: at each link, apart from whoever put it, and drops those that come meanwhile, whole.
+#: "Leave out" is Zenoh's BLOCK_FIRST: at each link one message waits without blocking the sender, and those that come
+#: meanwhile are dropped as a whole. Zenoh's DROP would send parts of a message before giving it up.
 CONGESTION = {"wait": zenoh.CongestionControl.BLOCK, "leave out": zenoh.CongestionControl.BLOCK_FIRST}
 
 
 @dataclass(frozen=True, slots=True)
 class Received(Generic[M]):
-    """One message as it arrived: its key, the ids in the key, the message, the raw payload, and when."""
+    """A message that arrived.
+
+    Attributes:
+        key: its key expression.
+        ids: the ids in the key, by field.
+        message: the decoded message.
+        payload: the raw bytes beside it; empty if the stream has none.
+        received_ns: when it arrived, in nanoseconds since the epoch.
+    """
 
     key: str
     ids: dict[str, str]
@@ -52,12 +61,12 @@ class Received(Generic[M]):
 
 
 class Connection:
-    """The Zenoh session, the bytes counted, the complaints made, and the threads that end before the session.
+    """The Zenoh session of a process, its traffic meter and logger, and the threads that must end before the session.
 
     Attributes:
         stopping: set when the process ends.
         wake: set whenever something arrived that a loop may wait for.
-        large_answer: held by who waits for an answer that may be left out.
+        large_answer: held while waiting for an answer that may be left out; see ``queries.ask``.
     """
 
     def __init__(self, name: str, settings: BusSettings) -> None:
@@ -66,9 +75,9 @@ class Connection:
         self.traffic = TrafficMeter()
         self.stopping, self.wake = threading.Event(), threading.Event()
         self.large_answer = threading.Lock()
-        self._limit = RateLimit()
+        self._log_limiter = RateLimiter()
         self._threads: list[threading.Thread] = []
-        self._kept: list[object] = []
+        self._declared: list[object] = []
 
     def open(self) -> None:
         """Connects to the router.
@@ -86,7 +95,7 @@ class Connection:
             ) from error
 
     def close(self) -> None:
-        """Ends the threads, then the session; a second time changes nothing."""
+        """Ends the threads, then the session. May be called again."""
         self.stop()
         for thread in self._threads:  # they use the session
             thread.join(timeout=2.0)
@@ -94,26 +103,26 @@ class Connection:
             self.session.close()  # type: ignore[no-untyped-call]
 
     def stop(self) -> None:
-        """Has loops and threads end."""
+        """Asks loops and threads to end."""
         self.stopping.set()
         self.wake.set()
 
-    def thread(self, target: Callable[[], None], name: str) -> None:
+    def start_thread(self, target: Callable[[], None], name: str) -> None:
         """Runs ``target`` on a thread of its own; it must return soon after ``stopping`` is set."""
         thread = threading.Thread(target=target, name=name, daemon=True)
         thread.start()
         self._threads.append(thread)
 
     def keep(self, declared: object) -> None:
-        """Holds what Zenoh undeclares when nobody refers to it any more."""
-        self._kept.append(declared)
+        """Holds a reference to a Zenoh object, which Zenoh would undeclare when it is garbage-collected."""
+        self._declared.append(declared)
 
     def key(self, stream: Stream, **ids: object) -> str:
-        """The key of a stream in this building; ids left out are wildcards."""
+        """The key of a stream in this building. Ids that are left out become wildcards."""
         return stream.key_for(building=self.building, **ids)
 
-    def received(self, stream: Stream, sample: Any) -> Received[Any] | None:
-        """Decodes a sample; None (counted, logged seldom) if it is no message of ``stream``."""
+    def decode(self, stream: Stream, sample: Any) -> Received[Any] | None:
+        """Decodes a sample of Zenoh; None if it is no message of ``stream``, which is then counted and logged."""
         key = str(sample.key_expr)
         payload, attachment = bytes_of(sample.payload), bytes_of(sample.attachment)
         self.traffic.count(key, "delivered", len(payload) + len(attachment) + len(key))
@@ -122,30 +131,31 @@ class Connection:
             if ids is None:
                 raise WireError(f"expected a key like {stream.key}, got {key!r:.120}")
             data, raw = (attachment, payload) if stream.payload else (payload, b"")
-            message = decode(stream.message, data, schema_in(sample.encoding))
+            message = wire.decode(stream.message, data, schema_in(sample.encoding))
         except WireError as error:
             self.reject(stream.name, str(error))
             return None
         return Received(key, ids, message, raw, clock_ns())
 
     def reject(self, where: str, why: str) -> None:
-        """Counts and (seldom) logs remote data that was dropped."""
+        """Counts remote data that was dropped, and logs it at a limited rate."""
         count = self.traffic.reject(where)
         self.warn_seldom("dropped", where=where, why=why, count=count)
 
     def warn_seldom(self, event: str, **facts: Any) -> None:
-        """Logs a warning, at a limited rate for each event and place."""
-        if self.may_log(event + str(facts.get("where", ""))):
+        """Logs a warning, at a limited rate for each event and ``where``."""
+        if self._log_limiter.try_acquire(event + str(facts.get("where", ""))):
             self.log.warning(event, **facts)
 
-    def may_log(self, what: str) -> bool:
-        """Whether it is long enough since ``what`` was last logged; counts as logging it."""
-        return self._limit.allows(what)
+    def error_seldom(self, event: str, stream: str, error: Exception) -> None:
+        """Logs an error with its traceback, at a limited rate for each event and stream."""
+        if self._log_limiter.try_acquire(f"{event} {stream}"):
+            self.log.error(event, stream=stream, exc_info=error)
 
 
 @contextmanager
 def bus_errors(key: str) -> Iterator[None]:
-    """Tells Zenoh's own failures as ``BusError``: nobody above the bus knows Zenoh's types."""
+    """Turns Zenoh's exceptions into ``BusError``: nothing above the bus knows Zenoh's types."""
     try:
         yield
     except zenoh.ZError as error:
@@ -153,11 +163,11 @@ def bus_errors(key: str) -> Iterator[None]:
 
 
 def check_size(key: str, *parts: bytes) -> None:
-    """Raises BusError for a message that the router would drop, and would tell nobody."""
+    """Raises BusError for a message that is so large that the router would drop it silently."""
     if (n_bytes := sum(map(len, parts))) > MAX_MESSAGE_BYTES:
-        most = f"{MAX_MESSAGE_BYTES / 2**20:g} MiB"
+        limit = f"{MAX_MESSAGE_BYTES / 2**20:g} MiB"
         raise BusError(
-            f"a message may have up to {most}, got {n_bytes / 2**20:.1f} MiB for {key}. Send less at a time."
+            f"a message may have up to {limit}, got {n_bytes / 2**20:.1f} MiB for {key}. Send less at a time."
         )
 
 
@@ -167,10 +177,10 @@ def bytes_of(data: Any) -> bytes:
 
 
 def encoding_of(message: type[Message], mime: str = "application/msgpack") -> zenoh.Encoding:
-    """The encoding of what carries a message of this type: a MIME type and the message's schema."""
+    """The Zenoh encoding for a message of this type: a MIME type and the message's schema."""
     return zenoh.Encoding(mime).with_schema(schema_of(message))
 
 
 def schema_in(encoding: Any) -> str:
-    """The schema in an encoding: Zenoh writes it after a semicolon."""
+    """The schema in a Zenoh encoding, which stands after a semicolon; empty if there is none."""
     return str(encoding).partition(";")[2] if encoding is not None else ""

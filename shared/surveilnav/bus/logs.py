@@ -1,4 +1,4 @@
-"""Logs: one line an event, for people or as JSON, and a limiter for what hostile data could cause a million times."""
+"""Logging set-up (for people, or as JSON), and a rate limiter for events that hostile data could cause any number of times."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import structlog
 
 
 def configure(log_format: str = "console", level: str = "info") -> None:
-    """Sets up structlog for this process; everything goes to stderr (stdout belongs to results)."""
+    """Sets up structlog for this process. Logs go to stderr, because results go to stdout."""
     renderer: Any
     if log_format == "json":
         renderer = structlog.processors.JSONRenderer()
@@ -32,16 +32,16 @@ def configure(log_format: str = "console", level: str = "info") -> None:
     )
 
 
-class RateLimit:
-    """Lets through one event per ``period_s`` and key."""
+class RateLimiter:
+    """Allows one event per ``period_s`` for each key. Remembers ``capacity`` keys. Thread-safe."""
 
     def __init__(self, period_s: float = 5.0, capacity: int = 1000) -> None:
         self._period_s, self._capacity = period_s, capacity
         self._last: dict[str, float] = {}
         self._lock = threading.Lock()
 
-    def allows(self, key: str) -> bool:
-        """Whether this event goes through; if so, the next ones of its key wait."""
+    def try_acquire(self, key: str) -> bool:
+        """Whether an event of this key is allowed now. If so, the next ones are refused for ``period_s``."""
         now = time.monotonic()
         with self._lock:
             if now - self._last.get(key, -1e9) < self._period_s:

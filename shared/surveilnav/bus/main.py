@@ -1,4 +1,4 @@
-"""How every service's process begins and ends: logs set up, a user's mistake as one line, exit 1."""
+"""Start and end of a service's process: sets up logging, and reports a user's mistake in one line with exit code 1."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ from pydantic_settings import SettingsError
 
 from surveilnav.bus import logs
 from surveilnav.bus.settings import BusSettings
-from surveilnav.errors import SurveilNavError, explain_settings
+from surveilnav.errors import SurveilNavError, explain_settings_error
 
-#: In the environment of a service that whoever started it keeps its standard input open for: it ends when that is closed.
+#: Environment variable with which a process that starts a service has it end when the service's standard input is closed.
 ENDS_WITH_STDIN = "SURVEILNAV_ENDS_WITH_STDIN"
-#: A service that doesn't end by SIGTERM within this is ended hard [s].
-_LAST_WORDS_S = 5.0
+#: A service that hasn't ended this long after SIGTERM is ended at once [s].
+_GRACE_S = 5.0
 
 
 def run_service(main: Callable[[], None]) -> int:
-    """Runs ``main``; returns the process's exit code."""
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # until ``Node.run`` takes over
+    """Runs ``main`` and returns the process's exit code."""
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # until ``Node.run`` sets its own handler
     end_with_stdin()
     try:
         settings = BusSettings()
         logs.configure(settings.log_format, settings.log_level)
         main()
     except ValidationError as error:
-        print(explain_settings(error), file=sys.stderr)
+        print(explain_settings_error(error), file=sys.stderr)
         return 1
     except (SettingsError, SurveilNavError) as error:
         print(f"error: {error}", file=sys.stderr)
@@ -42,9 +42,9 @@ def run_service(main: Callable[[], None]) -> int:
     return 0
 
 
-def warm(warm_up: Callable[[], None]) -> None:
-    """Runs a service's warm-up. One that fails keeps nobody from starting: what it would have compiled is compiled later."""
-    log, began_s = structlog.get_logger(), time.monotonic()
+def run_warm_up(warm_up: Callable[[], None]) -> None:
+    """Runs a service's warm-up, which compiles its loops. If that fails the service starts all the same, and compiles later."""
+    log, start_s = structlog.get_logger(), time.monotonic()
     log.info("compiles its loops, or reads them from the cache")
     try:
         warm_up()
@@ -53,18 +53,18 @@ def warm(warm_up: Callable[[], None]) -> None:
             "not all loops are compiled; the first search waits for them", why=f"{type(error).__name__}: {error}"
         )
     else:
-        log.info("its loops are compiled", seconds=round(time.monotonic() - began_s, 1))
+        log.info("its loops are compiled", seconds=round(time.monotonic() - start_s, 1))
 
 
 def end_with_stdin() -> None:
-    """Has the process end when its standard input is closed, if it was told so: who started it is gone then."""
+    """Ends the process when its standard input is closed, because its starter has ended; only if ``ENDS_WITH_STDIN`` is set."""
     if os.environ.get(ENDS_WITH_STDIN):
-        threading.Thread(target=_wait_for_the_end, name="stdin", daemon=True).start()
+        threading.Thread(target=_end_when_stdin_closes, name="stdin", daemon=True).start()
 
 
-def _wait_for_the_end() -> None:
+def _end_when_stdin_closes() -> None:
     while os.read(0, 1024):
         pass
     os.kill(os.getpid(), signal.SIGTERM)
-    time.sleep(_LAST_WORDS_S)
+    time.sleep(_GRACE_S)
     os._exit(1)

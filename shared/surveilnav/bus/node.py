@@ -1,13 +1,13 @@
 """A node: one process on the bus.
 
     with Node("fusion", "fusion", BusSettings()) as node:
-        frames = node.slot(CAMERA_FRAME, floor="0", camera="c1", view=3)   # newest only
-        infos = node.table(CAMERA_INFO)                                    # newest of every key
-        node.serve(OBJECTS, answer, floor="0")                             # bounded queue, own thread
-        node.run(step)                                                     # until SIGTERM
+        frames = node.latest(CAMERA_FRAME, floor="0", camera="c1", view=3)  # the newest message of one key
+        infos = node.table(CAMERA_INFO)                                     # the newest message of each key
+        node.serve(OBJECTS, answer, floor="0")                              # answers queries on a thread of its own
+        node.run(step)                                                      # until SIGTERM
 
-It puts ``publishing``, ``queries`` and ``presence`` together on one ``connection``, and adds the process's life:
-its loop, its health, its traffic reports.
+It combines ``publishing``, ``queries`` and ``presence`` on one ``connection``, and adds what a process needs: its loop, its
+health file, its traffic reports.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from typing import Any
 from surveilnav.bus import queries
 from surveilnav.bus.connection import Connection, Received
 from surveilnav.bus.presence import Presence
-from surveilnav.bus.publishing import Publisher, Slot, Subscription, Table
-from surveilnav.bus.queries import Answer, Handler, RetryAfterMs, Server
+from surveilnav.bus.publishing import LatestMessage, Publisher, Subscription, Table
+from surveilnav.bus.queries import Answer, Handler, QueryServer, RetryAfterMs
 from surveilnav.bus.settings import BusSettings
 from surveilnav.bus.traffic import wire_bytes
 from surveilnav.bus.wire import clock_ns
@@ -33,14 +33,22 @@ from surveilnav.errors import BusError
 from surveilnav.messages import TrafficReport
 from surveilnav.messages.base import Message
 
-#: A loop that hasn't turned for so long hangs; rendering an uncached view takes a second or two.
+#: A loop that hasn't turned for this long counts as hanging. Rendering a view that isn't cached takes a second or two.
 _STALLED_S = 30.0
 
 
 class Node:
-    """One process on the bus: see the module's docstring. Use it as a context manager.
+    """One process on the bus; see the module's docstring. Use it as a context manager.
 
-    ``alive=False``: it doesn't announce itself, nor report its traffic.
+    Args:
+        kind, id: what it announces itself as.
+        settings: where the router is; None: from the environment.
+        alive: False for a process that neither announces itself nor reports its traffic.
+
+    Attributes:
+        stopping: set when the process ends.
+        wake: set whenever something arrived that a loop may wait for.
+        ready: whether the service can work; part of ``healthy``.
     """
 
     def __init__(self, kind: str, id: str, settings: BusSettings | None = None, *, alive: bool = True) -> None:
@@ -51,14 +59,12 @@ class Node:
         self._presence = Presence(self._connection)
         self.log, self.traffic = self._connection.log, self._connection.traffic
         self.stopping = self._connection.stopping
-        #: Set whenever something arrived that a loop may wait for.
         self.wake = self._connection.wake
-        #: Whether the service can work, for ``healthy``.
         self.ready: Callable[[], bool] = lambda: True
         self._announces = alive
         self._stepped_s: float | None = None
 
-    # --- life -----------------------------------------------------------------------------------------------------
+    # --- process --------------------------------------------------------------------------------------------------
 
     def __enter__(self) -> Node:
         self._connection.open()
@@ -66,7 +72,7 @@ class Node:
             if self._announces:
                 self._report_traffic()
                 self._presence.announce(self.kind, self.id)
-        except BaseException:  # a SIGTERM too: a session left open would keep the process from ending
+        except BaseException:  # also after SIGTERM: an open session would keep the process from ending
             self._connection.close()
             raise
         return self
@@ -75,7 +81,7 @@ class Node:
         self._connection.close()
 
     def run(self, step: Callable[[], bool], idle_s: float = 0.005) -> None:
-        """Calls ``step`` until SIGTERM or SIGINT; waits up to ``idle_s`` after a step that had nothing to do."""
+        """Calls ``step`` until SIGTERM or SIGINT. After a step that returned False, waits up to ``idle_s`` or for ``wake``."""
         if threading.current_thread() is threading.main_thread():
             for number in (signal.SIGTERM, signal.SIGINT):
                 signal.signal(number, lambda *_: self.stop())
@@ -95,18 +101,19 @@ class Node:
         name = f"{self.kind}-{self.id}"
         self._traffic_publisher = self.publisher(TRAFFIC, node=name)
         self.serve(TRAFFIC, lambda _: Answer(self.traffic_report()), node=name)
-        self._connection.thread(self._housekeeping, "housekeeping")
+        self._connection.start_thread(self._housekeeping, "housekeeping")
 
     def _housekeeping(self) -> None:
-        said: object = None
-        said_s = 0.0
+        """Once a second: reports traffic if it changed, and touches the health file."""
+        reported: object = None
+        reported_s = 0.0
         while not self.stopping.wait(1.0):
             try:
-                # A report of many rows every second would itself be traffic: only when there is news, else seldom.
-                news = [row for row in self.traffic.rows() if row.key != self._traffic_publisher.key]
-                due = news != said or time.monotonic() - said_s >= TRAFFIC.max_age_ms / 2000
+                # A long report every second would itself be traffic. Without news it is sent only before it becomes stale.
+                rows = [row for row in self.traffic.rows() if row.key != self._traffic_publisher.key]
+                due = rows != reported or time.monotonic() - reported_s >= TRAFFIC.max_age_ms / 2000
                 if due and self._traffic_publisher.matched:
-                    said, said_s = news, time.monotonic()
+                    reported, reported_s = rows, time.monotonic()
                     self._traffic_publisher.put(self.traffic_report())
                 if self.settings.health_file and self.healthy():
                     self.settings.health_file.parent.mkdir(parents=True, exist_ok=True)
@@ -116,12 +123,12 @@ class Node:
                 self.warn_seldom("housekeeping failed", error=str(error))
 
     def healthy(self) -> bool:
-        """Whether the loop still turns and the service says that it can work: a process that hangs isn't healthy."""
+        """Whether the loop still turns, the session is open, and the service is ``ready``."""
         turning = self._stepped_s is None or time.monotonic() - self._stepped_s < _STALLED_S
         return turning and not self._connection.session.is_closed() and self.ready()
 
     def traffic_report(self) -> TrafficReport:
-        """What this process offered, received, dropped and sent over the wire so far."""
+        """What this process has published, received, dropped and sent over the network so far."""
         wire = wire_bytes(self.settings.router_port)
         return TrafficReport(
             stamp_ns=clock_ns(),
@@ -133,30 +140,30 @@ class Node:
             wire_received_bytes=wire and wire[1],
         )
 
-    # --- puts -----------------------------------------------------------------------------------------------------
+    # --- publishing -----------------------------------------------------------------------------------------------
 
     def key(self, stream: Stream, **ids: object) -> str:
-        """The key of a stream in this node's building; ids left out are wildcards."""
+        """The key of a stream in this node's building. Ids that are left out become wildcards."""
         return self._connection.key(stream, **ids)
 
     def publisher(self, stream: Stream, **ids: object) -> Publisher:
-        """What puts messages on one concrete key."""
+        """Publishes messages on one key."""
         return Publisher(self._connection, stream, self.key(stream, **ids))
 
-    def slot(self, stream: Stream, **ids: object) -> Slot[Any]:
-        """The newest message of one concrete key."""
-        return Slot(self._connection, stream, self.key(stream, **ids))
+    def latest(self, stream: Stream, **ids: object) -> LatestMessage[Any]:
+        """Receives the newest message of one key."""
+        return LatestMessage(self._connection, stream, self.key(stream, **ids))
 
     def table(
         self, stream: Stream, on_message: Callable[[Received[Any]], None] | None = None, **ids: object
     ) -> Table[Any]:
-        """The newest message of every key that matches; fields left out are wildcards. ``on_message``: as ``subscribe``."""
+        """Receives the newest message of each matching key; ids left out match any. ``on_message``: as in ``subscribe``."""
         return Table(self._connection, stream, self.key(stream, **ids), on_message=on_message)
 
     def subscribe(
         self, stream: Stream, on_message: Callable[[Received[Any]], None], **ids: object
     ) -> Subscription[Any]:
-        """Hands every message that matches to ``on_message``, on the bus's own thread."""
+        """Calls ``on_message`` with every message of the matching keys, on a thread of the bus: it must return fast."""
         return Subscription(self._connection, stream, self.key(stream, **ids), on_message)
 
     # --- queries --------------------------------------------------------------------------------------------------
@@ -171,13 +178,18 @@ class Node:
         retry_after_ms: RetryAfterMs = None,
         **ids: object,
     ) -> None:
-        """Answers queries to a key (wildcards allowed) with ``handler``, on ``workers`` threads of their own.
+        """Answers the queries to a key with ``handler``.
 
-        A handler raises ``Refused`` (or any SurveilNavError) to answer with an error. When ``capacity`` queries
-        wait, more are refused at once as "busy", and told ``retry_after_ms``: a number, or what gives it. A handler may
-        return a future, to answer later. If the key has wildcards, answers must name their ids.
+        Args:
+            stream: which queries.
+            handler: returns the answer, or a future of it. If the key has wildcards, an answer must have ``ids``. To answer
+                with an error it raises ``Refused`` or another SurveilNavError.
+            workers: number of threads that call the handler.
+            capacity: number of queries that may wait; more are refused at once as "busy".
+            retry_after_ms: hint for those: a number, or a function that returns it.
+            ids: of the key; those that are left out become wildcards.
         """
-        Server(
+        QueryServer(
             self._connection,
             stream,
             self.key(stream, **ids),
@@ -197,11 +209,11 @@ class Node:
         parameters: dict[str, str] | None = None,
         **ids: object,
     ) -> Received[Any]:
-        """The one answer to a query, within ``timeout_s`` or the time that the contract gives.
+        """Sends a query and returns its one answer. ``timeout_s``: None: as in the contract.
 
         Raises:
-            Refused: the other side answered with an error.
-            Unanswered: nobody answers there, or (``timed_out``) not in time.
+            Refused: the answer is an error.
+            Unanswered: nobody serves the key, or (``timed_out``) not in time.
         """
         timeout_s = timeout_s if timeout_s is not None else stream.max_age_ms / 1000
         return queries.ask(
@@ -223,30 +235,30 @@ class Node:
         parameters: dict[str, str] | None = None,
         **ids: object,
     ) -> list[Received[Any]]:
-        """All answers that come within ``timeout_s``; errors are left out."""
+        """Sends a query to all who serve the key, and returns the answers that arrive in time, without errors."""
         key = self.key(stream, **ids)
         return queries.ask_all(self._connection, stream, key, request, timeout_s=timeout_s, parameters=parameters)
 
     # --- presence -------------------------------------------------------------------------------------------------
 
     def alive(self, kind: str) -> set[str]:
-        """Ids of the nodes of a kind that are here now. The first call starts watching."""
+        """Ids of the nodes of a kind that are present now. The first call for a kind subscribes to its changes."""
         return self._presence.alive(kind)
 
     def announce(self, kind: str, id: str) -> None:
-        """Says that a node is there for which this process speaks, until it ends."""
+        """Announces another node that this process stands for, until the process ends."""
         self._presence.announce(kind, id)
 
     def routers(self) -> int:
-        """How many routers this node is connected to now."""
+        """Number of routers that this node is connected to now."""
         return self._presence.routers()
 
-    # --- complaints -----------------------------------------------------------------------------------------------
+    # --- warnings -------------------------------------------------------------------------------------------------
 
     def reject(self, where: str, why: str) -> None:
-        """Counts and (seldom) logs remote data that was dropped."""
+        """Counts remote data that was dropped, and logs it at a limited rate."""
         self._connection.reject(where, why)
 
     def warn_seldom(self, event: str, **facts: Any) -> None:
-        """Logs a warning, at a limited rate for each event and place."""
+        """Logs a warning, at a limited rate for each event and ``where``."""
         self._connection.warn_seldom(event, **facts)

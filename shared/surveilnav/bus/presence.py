@@ -1,4 +1,4 @@
-"""Presence: a node is there as long as the router holds its liveliness token."""
+"""Which nodes are present: those whose liveliness token the router holds."""
 
 from __future__ import annotations
 
@@ -12,31 +12,31 @@ from surveilnav.contract import LIVELINESS
 
 
 class Presence:
-    """Says that a node is there, and knows who else is."""
+    """Announces nodes of this process, and knows which others are present."""
 
     def __init__(self, connection: Connection) -> None:
         self._connection = connection
         self._watchers: dict[str, _Watcher] = {}
 
     def announce(self, kind: str, id: str) -> None:
-        """Says that this node is there, until the connection closes."""
+        """Announces a node until the connection closes."""
         token = LIVELINESS.format(building=self._connection.building, kind=kind, id=id)
         self._connection.keep(self._connection.session.liveliness().declare_token(token))
 
     def alive(self, kind: str) -> set[str]:
-        """Ids of the nodes of a kind that are here now. The first call starts watching."""
+        """Ids of the nodes of a kind that are present now. The first call for a kind subscribes to its changes."""
         watcher = self._watchers.get(kind)
         if watcher is None:
             watcher = self._watchers[kind] = _Watcher(self._connection, kind)
         return watcher.ids()
 
     def routers(self) -> int:
-        """How many routers this process is connected to now."""
+        """Number of routers that this process is connected to now."""
         return len(self._connection.session.info.routers_zid())
 
 
 class _Watcher:
-    """Keeps the set of living ids of one kind."""
+    """The ids of the present nodes of one kind."""
 
     def __init__(self, connection: Connection, kind: str) -> None:
         self._connection = connection
@@ -56,6 +56,6 @@ class _Watcher:
         self._connection.wake.set()
 
     def ids(self) -> set[str]:
-        """Who is here now."""
+        """A copy of the present ids."""
         with self._lock:
             return set(self._ids)

@@ -1,4 +1,4 @@
-"""Puts and what receives them: publishers; the newest of one key, the newest of every key, or every message."""
+"""Publishing, and three ways to receive: the newest message of one key, of each key of a stream, or every message."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from surveilnav.messages.base import Message
 
 
 class Publisher:
-    """Puts messages on one key. ``matched`` says whether anybody listens: gate rendering and encoding on it."""
+    """Publishes messages on one key. Check ``matched`` before rendering or encoding anything for it."""
 
     def __init__(self, connection: Connection, stream: Stream, key: str) -> None:
         self._connection, self._stream, self.key = connection, stream, key
@@ -31,12 +31,12 @@ class Publisher:
 
     @property
     def matched(self) -> bool:
-        """Whether anybody listens now. Raises BusError."""
+        """Whether anybody listens now. Raises BusError if the connection fails."""
         with bus_errors(self.key):
             return bool(self._publisher.matching_status.matching)  # type: ignore[attr-defined]
 
     def put(self, message: Message, payload: bytes = b"") -> None:
-        """Puts a message, with a payload where the stream has one. Raises BusError: it can't be sent."""
+        """Publishes a message, with a payload if the stream has one. Raises BusError if it can't be sent."""
         header = encode(message)
         check_size(self.key, header, payload)
         with bus_errors(self.key):
@@ -51,8 +51,8 @@ class Publisher:
         self._publisher.undeclare()  # type: ignore[no-untyped-call]
 
 
-class Slot(Generic[M]):
-    """The newest message of one key; older ones are overwritten before they cost anything."""
+class LatestMessage(Generic[M]):
+    """The newest message of one key. Older ones are overwritten before they are decoded."""
 
     def __init__(self, connection: Connection, stream: Stream, key: str) -> None:
         self._connection, self._stream = connection, stream
@@ -61,7 +61,7 @@ class Slot(Generic[M]):
     def poll(self) -> Received[M] | None:
         """The newest message since the last poll, or None."""
         sample = self._subscriber.try_recv()
-        return None if sample is None else self._connection.received(self._stream, sample)
+        return None if sample is None else self._connection.decode(self._stream, sample)
 
     def close(self) -> None:
         """Stops listening."""
@@ -69,13 +69,13 @@ class Slot(Generic[M]):
 
 
 class Subscription(Generic[M]):
-    """Every message of a key, handed to ``on_message`` on the bus's own thread: for what is quickly put aside."""
+    """Calls ``on_message`` with every message of a key, on a thread of the bus: it must return fast."""
 
     def __init__(
         self, connection: Connection, stream: Stream, key: str, on_message: Callable[[Received[M]], None]
     ) -> None:
         def on_sample(sample: Any) -> None:
-            if received := connection.received(stream, sample):
+            if received := connection.decode(stream, sample):
                 on_message(received)
 
         self._subscriber = connection.session.declare_subscriber(key, on_sample)
@@ -86,10 +86,14 @@ class Subscription(Generic[M]):
 
 
 class Table(Generic[M]):
-    """The newest message of every key of a stream: for small messages (status, info, load).
+    """The newest message of each key of a stream, for small messages (status, info, load).
 
-    At most ``capacity`` keys are kept: a stranger who invents keys fills no memory. ``on_message`` gets every message
-    that is put, too, on the bus's own thread: for what is quickly put aside.
+    Messages published before the table existed are queried, if the stream allows it.
+
+    Args:
+        key: the keys, usually with wildcards.
+        capacity: limit on the number of keys, so that invented keys can't fill the memory.
+        on_message: called with every published message, too, on a thread of the bus: it must return fast.
     """
 
     def __init__(
@@ -105,7 +109,7 @@ class Table(Generic[M]):
         self._rows: dict[str, Received[M]] = {}
         self._lock = threading.Lock()
         self._subscriber = connection.session.declare_subscriber(key, self._on_sample)
-        if "query" in stream.kind:  # what was put before we came
+        if "query" in stream.kind:
             for received in ask_all(connection, stream, key, timeout_s=1.0):
                 self._store(received)
 
@@ -113,7 +117,7 @@ class Table(Generic[M]):
         if sample.kind == zenoh.SampleKind.DELETE:
             with self._lock:
                 self._rows.pop(str(sample.key_expr), None)
-        elif received := self._connection.received(self._stream, sample):
+        elif received := self._connection.decode(self._stream, sample):
             self._store(received)
             if self._on_message is not None:
                 self._on_message(received)
@@ -127,13 +131,13 @@ class Table(Generic[M]):
                 self._connection.reject(f"{self._stream.name}: too many keys", received.key)
 
     def rows(self, max_age_s: float | None = None) -> list[Received[M]]:
-        """Everything known, by key; only what arrived within ``max_age_s`` if given."""
+        """All messages in the order of their keys; only those that arrived within ``max_age_s``, if given."""
         with self._lock:
             rows = [self._rows[key] for key in sorted(self._rows)]
         return rows if max_age_s is None else [r for r in rows if r.age_s <= max_age_s]
 
     def get(self, **ids: object) -> Received[M] | None:
-        """The row whose key has these ids, or None."""
+        """The message whose key has these ids, or None."""
         wanted = {k: str(v) for k, v in ids.items()}
         for row in self.rows():
             if all(row.ids.get(k) == v for k, v in wanted.items()):
@@ -141,12 +145,12 @@ class Table(Generic[M]):
         return None
 
     def forget(self, field: str, id: str) -> None:
-        """Drops the rows of one owner, until it puts again."""
+        """Drops the messages with the id ``id`` in a field of their keys, until they are published again."""
         with self._lock:
             self._rows = {key: row for key, row in self._rows.items() if row.ids.get(field) != id}
 
     def clear(self) -> None:
-        """Drops all rows, until their owners put again."""
+        """Drops all messages, until they are published again."""
         with self._lock:
             self._rows = {}
 

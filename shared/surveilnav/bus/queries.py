@@ -1,4 +1,4 @@
-"""Queries: answered on threads of their own from a bounded queue, and asked with a time limit."""
+"""Queries: served from a bounded queue on threads of their own, and asked with a time limit."""
 
 from __future__ import annotations
 
@@ -30,17 +30,25 @@ from surveilnav.errors import SurveilNavError, WireError
 from surveilnav.messages import ErrorReply
 from surveilnav.messages.base import Message
 
-#: A slot of a queryable that nobody could free: an honest error beats a silent wait.
+#: Name of the error when the queue is full.
 BUSY = "busy"
-#: Pause before an answer that was left out is asked for again.
-_ASK_AGAIN_S = 0.05
-#: The router tells within this who answers to a key (5 ms on one machine).
-_KNOWN_AFTER_MS = 200
+#: Pause before a query is repeated whose answer was left out.
+_RETRY_S = 0.05
+#: Time within which the router reports who serves a key; it takes 5 ms on one machine.
+_DISCOVERY_MS = 200
 
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """A query to answer: the ids in its key, its parameters, its message (None if it carries none), its payload."""
+    """A query to answer.
+
+    Attributes:
+        ids: the ids in its key, by field.
+        parameters: its parameters by name.
+        message: the stream's request message; None if the stream has none.
+        payload: raw bytes beside the message.
+        received_ns: when it arrived, in nanoseconds since the epoch.
+    """
 
     ids: dict[str, str]
     parameters: dict[str, str]
@@ -51,7 +59,7 @@ class Request:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """A reply: the message, raw bytes beside it, and (for keys with wildcards asked) the ids of its own key."""
+    """The answer to a query: a message, raw bytes beside it, and the ids of its own key if the query's key had wildcards."""
 
     message: Message
     payload: bytes = b""
@@ -60,15 +68,14 @@ class Answer:
 
 Answers = Answer | list[Answer]
 Handler = Callable[[Request], Answers | Future[Answers]]
-#: When who is refused as busy may come again [ms]; None: nobody knows.
+#: When a query that was refused as busy may be repeated [ms]; None: nobody knows.
 RetryAfterMs = int | Callable[[], int] | None
 
 
-class Server:
-    """Answers queries to one key (wildcards allowed) with ``handler``, on ``workers`` threads of their own.
+class QueryServer:
+    """Answers the queries to one key with ``handler``, on ``workers`` threads of their own; see ``Node.serve``.
 
-    When ``capacity`` queries wait, more are refused at once as "busy", with the hint ``retry_after_ms``. A handler that
-    returns a future answers later: it holds no thread meanwhile, and keeps its own count.
+    A handler that returns a future occupies no thread until it answers, and isn't counted in ``capacity``.
     """
 
     def __init__(
@@ -87,15 +94,15 @@ class Server:
         self._waiting: queue.Queue[Any] = queue.Queue(maxsize=capacity)
         connection.keep(connection.session.declare_queryable(key, self._on_query))
         for i in range(workers):
-            connection.thread(self._work, f"serve-{stream.name}-{i}")
+            connection.start_thread(self._work, f"serve-{stream.name}-{i}")
 
     def _on_query(self, query: Any) -> None:
         try:
             self._waiting.put_nowait((query, clock_ns()))
         except queue.Full:
             n, after_ms = self._waiting.maxsize, self._retry_after_ms
-            again = f"{n} queries are waiting already: ask again later or ask another"
-            self._refuse(query, BUSY, again, after_ms() if callable(after_ms) else after_ms)
+            message = f"{n} queries are waiting already: ask again later or ask another"
+            self._refuse(query, BUSY, message, after_ms() if callable(after_ms) else after_ms)
 
     def _work(self) -> None:
         while not self._connection.stopping.is_set():
@@ -115,12 +122,12 @@ class Server:
             self._fail(query, error)
             return
         if isinstance(answers, Future):
-            answers.add_done_callback(lambda done: self._settle(query, done))
+            answers.add_done_callback(lambda done: self._send_result(query, done))
         else:
             self._send(query, answers)
 
-    def _settle(self, query: Any, done: Future[Answers]) -> None:
-        """Answers a query whose handler took its time."""
+    def _send_result(self, query: Any, done: Future[Answers]) -> None:
+        """Answers a query whose handler returned a future."""
         try:
             answers = done.result()
         except Exception as error:
@@ -129,7 +136,7 @@ class Server:
             self._send(query, answers)
 
     def _is_meant_for_another(self, query: Any) -> bool:
-        """A wildcard question to another stream may reach who serves a key with wildcards; what it lacks gives it away."""
+        """Whether a query with wildcards is for another stream, whose keys match this one's: then it carries no request."""
         carries = bytes_of(query.payload) or bytes_of(query.attachment)
         return self._stream.request is not None and "*" in str(query.key_expr) and not carries
 
@@ -142,10 +149,10 @@ class Server:
         except Exception as error:
             self._fail(query, error)
         finally:
-            query.drop()  # a query kept alive stalls its caller until the timeout
+            query.drop()  # otherwise the caller waits until its timeout
 
     def _fail(self, query: Any, error: Exception) -> None:
-        """Says why there is no answer. A handler's bug must not end the service, nor stay silent."""
+        """Answers with an error. A bug in a handler must not end the service, nor go unnoticed."""
         if isinstance(error, WireError):
             self._connection.reject(self._stream.name, str(error))
             self._refuse(query, "bad_message", str(error))
@@ -154,12 +161,11 @@ class Server:
         elif isinstance(error, SurveilNavError):
             self._refuse(query, "failed", str(error))
         else:
-            if self._connection.may_log(f"query failed {self._stream.name}"):
-                self._connection.log.error("query failed", stream=self._stream.name, exc_info=error)
+            self._connection.error_seldom("query failed", self._stream.name, error)
             self._refuse(query, "internal", f"{type(error).__name__}: {error}")
 
     def _request(self, query: Any, received_ns: int) -> Request:
-        """The query, decoded and checked. Raises WireError."""
+        """Decodes and checks a query. Raises WireError."""
         stream, key = self._stream, str(query.key_expr)
         payload, attachment = bytes_of(query.payload), bytes_of(query.attachment)
         self._connection.traffic.count(key, "delivered", len(payload) + len(attachment) + len(key))
@@ -170,7 +176,7 @@ class Server:
             data, payload = (attachment, payload) if attachment else (payload, b"")
             message = decode(stream.request, data, schema_in(query.encoding))
         ids = stream.ids_of(key) or {}
-        if not ids and stream.asked_of_all:  # each is asked for its own
+        if not ids and stream.allows_wildcard:  # everyone is asked, each for its own
             ids = stream.ids_of(self._key) or {}
         if stream.kind == "query" and stream.request is not None and not ids:
             raise WireError(f"expected a key like {stream.key} without wildcards, got {key!r:.120}")
@@ -178,13 +184,13 @@ class Server:
 
     def _reply(self, query: Any, answer: Answer) -> None:
         key = str(query.key_expr)
-        if "*" in key:  # asked of many: each answers on a key of its own
+        if "*" in key:  # everyone is asked, and each answers on its own key
             key = self._key if "*" not in self._key else self._connection.key(self._stream, **answer.ids)
             if not query.key_expr.intersects(zenoh.KeyExpr(key)):
-                return  # it was meant for another stream, whose keys may be spelled like this one's
+                return  # the query was for another stream, whose keys match this one's
         header = encode(answer.message)
         check_size(key, header, answer.payload)
-        encoding = encoding_of(type(answer.message))  # priority and congestion control are the query's
+        encoding = encoding_of(type(answer.message))  # the reply has the query's priority and congestion control
         if self._stream.payload:
             query.reply(key, answer.payload, attachment=header, encoding=encoding)
         else:
@@ -211,28 +217,31 @@ def ask(
     timeout_s: float,
     parameters: dict[str, str] | None = None,
 ) -> Received[Any]:
-    """The one answer to a query. Where answers may be left out, it is asked for until one comes.
+    """Sends a query and returns its one answer. If answers of the stream may be left out, it is repeated until one arrives.
 
     Raises:
-        Refused: the other side answered with an error.
-        Unanswered: nobody answers there, or (``timed_out``) not in time.
+        Refused: the answer is an error.
+        Unanswered: nobody serves the key, or (``timed_out``) not in time.
     """
     until_s = time.monotonic() + timeout_s
-    with _turn(connection, stream, key, timeout_s):
+    with _one_large_answer_at_a_time(connection, stream, key, timeout_s):
         while (left_s := until_s - time.monotonic()) > 0:
-            if received := _asked_once(connection, stream, key, request, payload, left_s, parameters):
+            if received := _ask_once(connection, stream, key, request, payload, left_s, parameters):
                 return received
             if stream.when_full == "wait" or not _is_served(connection, key):
                 raise Unanswered(f"no answer from {key}: nobody is there", timed_out=False)
-            if connection.stopping.wait(_ASK_AGAIN_S):
+            if connection.stopping.wait(_RETRY_S):
                 break
     raise Unanswered(f"no answer from {key}: a link on its way is full", timed_out=True)
 
 
 @contextmanager
-def _turn(connection: Connection, stream: Stream, key: str, timeout_s: float) -> Iterator[None]:
-    """Waits until this process waits for no other answer that may be left out: on a slow link two would leave out each
-    other. Raises Unanswered: not in time."""
+def _one_large_answer_at_a_time(connection: Connection, stream: Stream, key: str, timeout_s: float) -> Iterator[None]:
+    """Has a process wait for only one answer that may be left out: on a slow link, two would crowd out each other.
+
+    Raises:
+        Unanswered: another one took too long.
+    """
     if stream.when_full == "wait":
         yield
         return
@@ -244,7 +253,7 @@ def _turn(connection: Connection, stream: Stream, key: str, timeout_s: float) ->
         connection.large_answer.release()
 
 
-def _asked_once(
+def _ask_once(
     connection: Connection,
     stream: Stream,
     key: str,
@@ -253,12 +262,12 @@ def _asked_once(
     timeout_s: float,
     parameters: dict[str, str] | None,
 ) -> Received[Any] | None:
-    """The answer; None where nothing came, and nobody will answer any more."""
+    """The answer; None if none came and none will. Raises Refused or Unanswered."""
     refused: Refused | None = None
     timed_out = unreadable = False
     for reply in _replies(connection, stream, key, request, payload, timeout_s, parameters):
         if reply.ok is not None:
-            if received := connection.received(stream, reply.ok):
+            if received := connection.decode(stream, reply.ok):
                 return received
             unreadable = True
         elif (refused := _refusal(reply.err)) is None:
@@ -272,11 +281,11 @@ def _asked_once(
 
 
 def _is_served(connection: Connection, key: str) -> bool:
-    """Whether somebody answers questions to ``key``: an answer that was left out looks like nobody."""
+    """Whether somebody serves ``key``. Without asking, an answer that was left out looks as if nobody did."""
     with bus_errors(key):
         querier = connection.session.declare_querier(key)
         try:
-            for _ in range(_KNOWN_AFTER_MS // 10):
+            for _ in range(_DISCOVERY_MS // 10):
                 if querier.matching_status.matching:  # type: ignore[attr-defined]
                     return True
                 time.sleep(0.01)
@@ -294,9 +303,9 @@ def ask_all(
     timeout_s: float,
     parameters: dict[str, str] | None = None,
 ) -> list[Received[Any]]:
-    """All answers that come within ``timeout_s``; errors are left out."""
+    """Sends a query to all who serve a key, and returns the answers that arrive in time, without errors."""
     replies = _replies(connection, stream, key, request, b"", timeout_s, parameters)
-    answers = [connection.received(stream, reply.ok) for reply in replies if reply.ok is not None]
+    answers = [connection.decode(stream, reply.ok) for reply in replies if reply.ok is not None]
     return [answer for answer in answers if answer is not None]
 
 
@@ -333,7 +342,7 @@ def _replies(
 
 
 def _refusal(err: Any) -> Refused | None:
-    """The refusal in an error reply; None for Zenoh's own timeout."""
+    """The error in an error reply; None if it is Zenoh's own timeout."""
     try:
         error = decode(ErrorReply, err.payload.to_bytes(), schema_in(err.encoding))
     except WireError:

@@ -1,7 +1,7 @@
-"""The router: Zenoh itself in router mode. ``python -m surveilnav.bus.router [--listen tcp/127.0.0.1:7447]``.
+"""The router: Zenoh in router mode. ``python -m surveilnav.bus.router [--listen tcp/127.0.0.1:7447]``.
 
-The same Rust core as zenohd; ``--config FILE`` takes a Zenoh JSON5 file that works for both. Start zenohd with
-``ZENOH_RUNTIME='(rx: (worker_threads: 8), tx: (worker_threads: 8))'``, as ``main`` does here.
+It has the same Rust core as zenohd, which may take its place. ``--config FILE`` takes a Zenoh JSON5 file that works for both.
+Start zenohd with ``ZENOH_RUNTIME='(rx: (worker_threads: 8), tx: (worker_threads: 8))'``, as ``main`` does here.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ from surveilnav.bus.main import end_with_stdin
 from surveilnav.bus.settings import DEFAULT_PORT, host_and_port, router_config
 from surveilnav.errors import BusError, ConfigError, SurveilNavError
 
-#: Closing the link of a reader that doesn't read holds one of Zenoh's threads. It has one to send and two to receive, and
-#: without them everybody loses the router (docs/understand/adr/0006-bulk-data-is-left-out.md).
+#: Closing the link of a reader that doesn't read occupies a thread of Zenoh. By default there are one to send and two to
+#: receive; when all are occupied, nobody reaches the router (docs/understand/adr/0006-bulk-data-is-left-out.md).
 _THREADS = "(rx: (worker_threads: 8), tx: (worker_threads: 8))"
 
 
 def open_router(listen: str) -> zenoh.Session:
-    """A session that routes, listening at ``tcp/HOST:PORT``. Close it when done.
+    """Opens a router that listens at ``tcp/HOST:PORT``. Close the session to end it.
 
     Raises:
-        BusError: it is no such endpoint, the port is taken, or the host isn't this machine's.
+        BusError: the endpoint is malformed, the port is taken, or the host isn't this machine's.
     """
     try:
         host, port = host_and_port(listen)
@@ -44,7 +44,7 @@ def open_router(listen: str) -> zenoh.Session:
 
 
 def _check_free(host: str, port: int) -> None:
-    """Zenoh's own error doesn't say that the port is taken."""
+    """Raises BusError if the port is taken, which Zenoh's own error doesn't say."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     try:
         with socket.create_server((host, port), family=family):
@@ -58,13 +58,13 @@ def _check_free(host: str, port: int) -> None:
 
 
 def free_port() -> int:
-    """A TCP port of the loopback interface that nobody uses now."""
+    """A TCP port of the loopback interface that is free now."""
     with socket.create_server(("127.0.0.1", 0)) as server:
         return int(server.getsockname()[1])
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Routes until SIGTERM or SIGINT; the process's exit code."""
+    """Runs the router until SIGTERM or SIGINT; returns the process's exit code."""
     parser = argparse.ArgumentParser(prog="surveilnav.bus.router", description=__doc__)
     parser.add_argument("--listen", default=f"tcp/127.0.0.1:{DEFAULT_PORT}", help="tcp/HOST:PORT")
     parser.add_argument("--config", type=Path, help="a Zenoh JSON5 file instead of the built-in settings")

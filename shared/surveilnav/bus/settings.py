@@ -1,4 +1,4 @@
-"""How a service reaches the bus. Every field is an environment variable ``SURVEILNAV_BUS__<FIELD>``."""
+"""How a process reaches the bus: environment variables ``SURVEILNAV_BUS__<FIELD>``; and Zenoh's configuration."""
 
 from __future__ import annotations
 
@@ -13,16 +13,17 @@ from pydantic_settings import BaseSettings, SettingsConfigDict
 from surveilnav.contract import ID_PATTERN
 
 DEFAULT_PORT = 7447
-#: The largest message, payload and header: a floor's full cloud has 48 MB. The router drops what is larger.
+#: Size limit of a message with its payload; a floor's full point cloud has 48 MB. The router drops larger ones.
 MAX_MESSAGE_BYTES = 64 * 2**20
-_RECEIVE = {"max_message_size": MAX_MESSAGE_BYTES + 2**16}  # with the key and what Zenoh adds
-#: How long bulk data waits for the message before it [ms], then it is left out (docs/results/bus.md). A process waits for
-#: its own messages. The router is everybody's: at one reader's link it waits just as long as a burst of frames takes.
-_OWN_TURN_MS, _ROUTER_TURN_MS = 5000, 50
-#: Of the router, and of whoever doesn't say another.
+_RECEIVE = {"max_message_size": MAX_MESSAGE_BYTES + 2**16}  # includes the key and Zenoh's own headers
+#: How long bulk data waits for the message before it, in a process and in the router [ms]; then it is left out
+#: (docs/results/bus.md). A process may wait for its own messages. The router serves everybody, so at each link it waits only
+#: as long as a burst of frames takes.
+_PROCESS_WAIT_MS, _ROUTER_WAIT_MS = 5000, 50
+#: Lease of the router, and the default for processes.
 _LEASE_MS = 2000
-#: Signs of life a lease; Zenoh has 4. One's interval (0.1 s) is also how long the router tries to get rid of what it still
-#: has for a reader that is gone, and whoever sent to it waits meanwhile.
+#: Keep-alive messages per lease; Zenoh's default is 4. Their interval (0.1 s) is also how long the router tries to send what
+#: it still has for a reader that is gone, while senders to that reader wait.
 _ROUTER_KEEP_ALIVE = 20
 _ENDPOINT = re.compile(r"tcp/(?P<host>\[[0-9A-Fa-f:.]+\]|[^][:/?#\s]+):(?P<port>[0-9]{1,5})")
 
@@ -43,7 +44,7 @@ def host_and_port(endpoint: str) -> tuple[str, int]:
 
 
 class BusSettings(BaseSettings):
-    """Where the router is, and what is said of this process."""
+    """Where the router is, and how this process logs and reports its health."""
 
     model_config = SettingsConfigDict(env_prefix="SURVEILNAV_BUS__", extra="ignore")
 
@@ -59,13 +60,13 @@ class BusSettings(BaseSettings):
 
     @field_validator("router")
     @classmethod
-    def _endpoint(cls, value: str) -> str:
+    def _check_endpoint(cls, value: str) -> str:
         host_and_port(value)
         return value
 
     @field_validator("connect_timeout_s")
     @classmethod
-    def _for_ever_or_so_long(cls, value: float) -> float:
+    def _check_timeout(cls, value: float) -> float:
         if -1 < value < 0:
             raise ValueError("expected seconds from 0, or -1 to wait for ever")
         return value
@@ -76,8 +77,10 @@ class BusSettings(BaseSettings):
         return host_and_port(self.router)[1]
 
     def client_config(self) -> str:
-        """Zenoh's JSON5 for a client: one router, no scouting, no shared memory (it hides bytes from the
-        kernel's counters), two links so that bulk data never delays a command (notes: 7 ms against 92 ms).
+        """Zenoh's configuration (JSON5) for a client of one router.
+
+        There are two links, so that bulk data doesn't delay commands (7 ms instead of 92 ms). Shared memory is off, because it
+        would hide bytes from the kernel's counters.
         """
         links = [f"{self.router}?prio=1-4", f"{self.router}?prio=5-7"]
         return json.dumps(
@@ -89,14 +92,14 @@ class BusSettings(BaseSettings):
                     "retry": {"period_init_ms": 200, "period_max_ms": 500},
                 },
                 "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
-                "transport": _transport(self.lease_ms, _OWN_TURN_MS),
+                "transport": _transport(self.lease_ms, _PROCESS_WAIT_MS),
             }
         )
 
 
-def _transport(lease_ms: int, turn_ms: int, **sending: int) -> dict[str, object]:
-    """Zenoh's ``transport``. Its microseconds before a drop are, for BLOCK_FIRST, the wait for the message before."""
-    queue = {"congestion_control": {"drop": {"wait_before_drop": turn_ms * 1000}}}
+def _transport(lease_ms: int, wait_ms: int, **sending: int) -> dict[str, object]:
+    """Zenoh's ``transport``. For BLOCK_FIRST, ``wait_before_drop`` [us] is the time that a message waits for the one before."""
+    queue = {"congestion_control": {"drop": {"wait_before_drop": wait_ms * 1000}}}
     return {
         "shared_memory": {"enabled": False},
         "unicast": {"max_links": 4},
@@ -105,13 +108,13 @@ def _transport(lease_ms: int, turn_ms: int, **sending: int) -> dict[str, object]
 
 
 def router_config(listen: str) -> str:
-    """Zenoh's JSON5 for the router (zenohd takes the same). It scouts for nobody, so it doesn't wait for anybody either."""
+    """Zenoh's configuration (JSON5) for the router; zenohd takes the same. Without scouting, it needs no delay at the start."""
     return json.dumps(
         {
             "mode": "router",
             "listen": {"endpoints": [listen]},
             "scouting": {"delay": 0, "multicast": {"enabled": False}, "gossip": {"enabled": False}},
             "adminspace": {"enabled": True},
-            "transport": _transport(_LEASE_MS, _ROUTER_TURN_MS, keep_alive=_ROUTER_KEEP_ALIVE),
+            "transport": _transport(_LEASE_MS, _ROUTER_WAIT_MS, keep_alive=_ROUTER_KEEP_ALIVE),
         }
     )

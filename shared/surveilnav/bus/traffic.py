@@ -1,8 +1,8 @@
-"""The three numbers: offered (what a publisher put), delivered (what a receiver got), wire (the kernel's count).
+"""Traffic figures of a process: bytes offered (published), delivered (received), and on the wire (counted by the kernel).
 
-Payload + attachment + key agrees with the kernel's count to 1.0001 for bulk data; the difference is
-headers and keep-alives. The kernel's count is read from this process's own sockets (TCP_INFO), so no tool
-and no privilege is needed.
+Offered and delivered bytes are payload, attachment and key. For bulk data they agree with the kernel's count within 0.01 %;
+the difference is headers and keep-alives. The kernel's count is read from the process's own sockets (TCP_INFO), which needs
+no tool and no privilege.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import Literal
 
 from surveilnav.messages import TrafficRow
 
-#: So many keys are counted apart (1,000 cameras have 13,000), the others together.
+#: Number of keys that are counted separately; 1,000 cameras have 13,000. All others are counted together.
 _MAX_ROWS = 20_000
 OTHER_KEYS = "(other keys)"
 
@@ -26,7 +26,7 @@ _TCP_INFO_BYTES_SENT = 200  # offset of tcpi_bytes_sent (kernel >= 4.19): retran
 
 
 class TrafficMeter:
-    """Counts messages and bytes per key; safe to use from any thread."""
+    """Counts messages and bytes per key. Thread-safe."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -35,15 +35,15 @@ class TrafficMeter:
         self._rejected: Counter[str] = Counter()
 
     def count(self, key: str, direction: Direction, n_bytes: int) -> None:
-        """Adds one message of ``n_bytes`` (payload, attachment and key)."""
+        """Counts one message of ``n_bytes`` (payload, attachment and key)."""
         with self._lock:
             if (key, direction) not in self._bytes and len(self._bytes) >= _MAX_ROWS:
-                key = OTHER_KEYS  # a stranger who invents keys fills no memory
+                key = OTHER_KEYS  # invented keys must not fill the memory
             self._messages[key, direction] += 1
             self._bytes[key, direction] += n_bytes
 
     def reject(self, reason: str) -> int:
-        """Counts something dropped; returns how often this reason was counted."""
+        """Counts data that was dropped; returns how often for this reason."""
         with self._lock:
             self._rejected[reason] += 1
             return self._rejected[reason]
@@ -57,18 +57,18 @@ class TrafficMeter:
             ]
 
     def rejected(self) -> dict[str, int]:
-        """How often what was dropped, by reason."""
+        """How often data was dropped, by reason."""
         with self._lock:
             return dict(self._rejected)
 
     def offered_bytes(self, key: str) -> int:
-        """Bytes put on one key so far."""
+        """Bytes published on one key so far."""
         with self._lock:
             return self._bytes[key, "offered"]
 
 
 def wire_bytes(router_port: int) -> tuple[int, int] | None:
-    """(sent, received) bytes of this process's TCP sockets to ``router_port``; None where /proc isn't there."""
+    """(sent, received) bytes of this process's TCP sockets to ``router_port``; None on systems without /proc."""
     sent = received = 0
     seen = False
     try:

@@ -1,4 +1,4 @@
-"""Messages to bytes and back, with the schema checked: what can't be read is a ``WireError``, never a crash."""
+"""Encodes and decodes messages, and checks their schema. Data that can't be decoded raises ``WireError``, never anything else."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ M = TypeVar("M", bound=Message)
 _encoder = msgspec.msgpack.Encoder()
 
 
-class Unanswered(BusError):  # noqa: N818 - an answer, not a fault
-    """A query without an answer: nobody is there, or (``timed_out``) who is there took too long."""
+class Unanswered(BusError):  # noqa: N818 - an outcome, not a fault
+    """A query without an answer: nobody serves the key, or (``timed_out``) the answer took too long."""
 
     def __init__(self, message: str, *, timed_out: bool = False) -> None:
         super().__init__(message)
@@ -25,7 +25,7 @@ class Unanswered(BusError):  # noqa: N818 - an answer, not a fault
 
 
 class Refused(BusError):  # noqa: N818
-    """A query that was answered with an error; ``name`` is from the contract, ``retry_after_ms`` is ``ErrorReply``'s."""
+    """A query that was answered with an error. ``name``, ``retry_after_ms``: see ``ErrorReply``."""
 
     def __init__(self, name: str, message: str, retry_after_ms: int | None = None) -> None:
         super().__init__(message)
@@ -33,12 +33,12 @@ class Refused(BusError):  # noqa: N818
 
 
 def clock_ns() -> int:
-    """Nanoseconds since the epoch: the stamp of everything sent."""
+    """The present time for ``stamp_ns``: nanoseconds since the epoch."""
     return time.time_ns()
 
 
 def encode(message: Message) -> bytes:
-    """Plain MessagePack."""
+    """The message as MessagePack."""
     return _encoder.encode(message)
 
 
@@ -48,13 +48,14 @@ def _decoder(kind: type[Message]) -> msgspec.msgpack.Decoder[Any]:
 
 
 def decode(kind: type[M], data: bytes, schema: str | None) -> M:
-    """The message in ``data``.
+    """Decodes a message of type ``kind``.
 
-    ``schema`` is what the sender put into the encoding ("surveilnav.Observation/1.0"); another minor version
-    is read, another name or major version refused.
+    Args:
+        schema: the sender's schema from the encoding, such as "surveilnav.Observation/1.0". Another minor version is
+            accepted.
 
     Raises:
-        WireError: wrong schema or version, or bytes that don't decode.
+        WireError: the schema has another name or major version, or the bytes can't be decoded.
     """
     expected = schema_of(kind)
     name, _, version = (schema or "").partition("/")

@@ -1,12 +1,11 @@
-"""Every message of the contract: frozen structs without behaviour, encoded as MessagePack.
+"""All messages of the contract: frozen structs without behaviour, encoded as MessagePack.
 
-Frames and units stand in the docstrings. Every message carries ``stamp_ns``, nanoseconds since the epoch
-of the sender's clock (simulated time in a benchmark).
+Each message has ``stamp_ns``, the time of its sender's clock in nanoseconds since the epoch (simulated time in a benchmark).
 """
 
 from surveilnav.messages.camera import CameraInfo, CameraRequest, CameraSummary, CameraViewInfo, SlotClaim
 from surveilnav.messages.maps import (
-    DEFAULT_LAYERS,
+    LAYERS,
     CameraUse,
     FloorMapsHeader,
     LayerHeader,
@@ -44,12 +43,12 @@ from surveilnav.messages.recording import (
 )
 from surveilnav.messages.robot import ACTIONS, Command, CommandReply, Halt, HaltReply, Observation, RobotStatus, Stair
 from surveilnav.messages.truth import Judged, Truth
-from surveilnav.messages.view import FrameHeader, Part
+from surveilnav.messages.view import FrameHeader, PayloadPart
 from surveilnav.mission_states import FINISHED_STATES
 
 __all__ = [
     "ACTIONS",
-    "DEFAULT_LAYERS",
+    "LAYERS",
     "FASTEST_REPLAY",
     "FINISHED_STATES",
     "SLOWEST_REPLAY",
@@ -86,7 +85,7 @@ __all__ = [
     "ObjectList",
     "ObjectRecord",
     "Observation",
-    "Part",
+    "PayloadPart",
     "PicturesForgotten",
     "Plan",
     "RecorderStatus",

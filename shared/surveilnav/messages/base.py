@@ -6,6 +6,6 @@ import msgspec
 
 
 class Message(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """A message of the contract. ``stamp_ns``: sender's clock, nanoseconds since the epoch."""
+    """A message of the contract. ``stamp_ns``: time of the sender's clock, in nanoseconds since the epoch."""
 
     stamp_ns: int

@@ -1,4 +1,4 @@
-"""Surveillance cameras: who they are, what they last saw, and what may be asked of them."""
+"""Messages of surveillance cameras."""
 
 from __future__ import annotations
 
@@ -11,16 +11,21 @@ from surveilnav.messages.base import Message
 
 
 class CameraViewInfo(msgspec.Struct, frozen=True):
-    """One direction that a camera looks in."""
+    """One of the directions that a camera looks in."""
 
     view: int
     T_world_camera: Pose
 
 
 class CameraInfo(Message, frozen=True, kw_only=True):
-    """A surveillance camera: place (world, metres), views, delivery tier. ``mounting_offset_m``: the paper's delta z^c.
+    """Describes a surveillance camera.
 
-    ``paused``: a person has it look at nothing, and send nothing, whoever listens.
+    Attributes:
+        position_m: (x, y, z) in the world.
+        mounting_offset_m: height above the floor, the paper's delta z^c.
+        intrinsics: of all views, for colour and depth.
+        tier: what it delivers.
+        paused: a person has paused it: it sends nothing, whoever listens.
     """
 
     camera: str
@@ -34,7 +39,7 @@ class CameraInfo(Message, frozen=True, kw_only=True):
 
 
 class CameraSummary(Message, frozen=True, kw_only=True):
-    """Labels and confidences that a camera last saw, at most 512 bytes: for choosing the floor."""
+    """What the camera's own detector has found: label -> confidence. At most 512 bytes; used to choose the floor."""
 
     camera: str
     floor: str
@@ -42,9 +47,13 @@ class CameraSummary(Message, frozen=True, kw_only=True):
 
 
 class CameraRequest(Message, frozen=True, kw_only=True):
-    """Asks a camera to put views again (on their frame keys), to answer with a thumbnail (JPEG payload), or to pause or
-    resume (no views): while it is paused it refuses the others as "paused". ``width_px``: of the thumbnail, at most what
-    the camera's settings say; 0: that."""
+    """A request to a camera. While it is paused it refuses all but "resume" as "paused".
+
+    Attributes:
+        action: "resend": publish the views again; "thumbnail": answer with a JPEG of the first view; "pause" or "resume".
+        views: indices of the views; empty for "pause" and "resume".
+        width_px: width of the thumbnail; 0: the largest that the camera's settings allow.
+    """
 
     action: Literal["resend", "thumbnail", "pause", "resume"]
     views: list[int] = []
@@ -52,6 +61,6 @@ class CameraRequest(Message, frozen=True, kw_only=True):
 
 
 class SlotClaim(Message, frozen=True, kw_only=True):
-    """A camera process without a name asks the camera plan for a free slot. ``node``: its random id."""
+    """Asks who holds a slot of the camera plan. ``node``: the random id of the process that looks for a free one."""
 
     node: str

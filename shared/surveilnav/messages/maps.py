@@ -1,4 +1,4 @@
-"""The joint map as others may see it."""
+"""Messages of fusion about the joint maps."""
 
 from __future__ import annotations
 
@@ -10,16 +10,22 @@ from surveilnav.geometry import Grid
 from surveilnav.messages.base import Message
 
 LayerName = Literal["occupancy", "explored", "frontier", "value", "cloud", "provenance"]
-DEFAULT_LAYERS: tuple[str, ...] = ("occupancy", "explored", "frontier", "value", "cloud", "provenance")
+LAYERS: tuple[str, ...] = ("occupancy", "explored", "frontier", "value", "cloud", "provenance")
 
 
 class LayerHeader(Message, frozen=True, kw_only=True):
     """Describes one map layer; the payload is a zstd-compressed, row-major array.
 
-    occupancy, explored, frontier: uint8 (0 or 1) on ``grid``; value: float32 on ``grid``, NaN where
-    unknown, for ``target``, without the views that another embedding model looked at (``views_left_out``); cloud: (N, 6)
-    float32 of x, y, z [m, world] and r, g, b [0-1]; provenance: (N, 3) int64, a line for each of the cloud's points at
-    the same revision: index into ``source_sets``, first and last seen [ns].
+    Layers:
+        occupancy, explored, frontier: uint8 on ``grid``, 0 or 1.
+        value: float32 on ``grid`` for ``target``, NaN where unknown.
+        cloud: (N, 6) float32, x, y, z [m, world] and r, g, b [0-1] of each point.
+        provenance: (N, 3) int64, for each point of the cloud of the same revision: index into ``source_sets``, first and
+            last time seen [ns].
+
+    Attributes:
+        views_left_out: number of views that don't count in the value layer, because another model embedded them.
+        source_sets: sets of sources, to which the provenance refers.
     """
 
     floor: str
@@ -43,7 +49,7 @@ class LayerPart(msgspec.Struct, frozen=True):
 
 
 class ViewPicture(Message, frozen=True, kw_only=True):
-    """Names a picture that the maps took; the payload is its JPEG."""
+    """A picture of a view in the maps; the payload is its JPEG."""
 
     source: str
     view: int
@@ -51,9 +57,9 @@ class ViewPicture(Message, frozen=True, kw_only=True):
 
 
 class CameraUse(msgspec.Struct, frozen=True):
-    """A camera that the floor rule activated: how many of its views fusion has processed, of how many.
+    """A camera that is invoked, and how many of its views fusion has processed.
 
-    A picture is processed once the maps hold it or have refused it for good: nobody needs to wait for it any more.
+    A view is processed when it is in the maps or was refused for good, so that nobody has to wait for it any more.
     """
 
     camera: str
@@ -62,10 +68,15 @@ class CameraUse(msgspec.Struct, frozen=True):
 
 
 class Revision(Message, frozen=True, kw_only=True):
-    """What the maps of a floor have processed: newest robot observations by robot, and the cameras' views.
+    """What the maps of a floor have processed.
 
-    ``pending_views`` counts frames of active cameras that are still on their way into the maps.
-    ``floor_z_m`` is the altitude of the floor.
+    Attributes:
+        revision: grows with each view that enters the maps.
+        floor_z_m: altitude of the floor.
+        robots: by robot, the sequence number of its newest processed observation.
+        cameras: the invoked cameras.
+        pending_views: frames of invoked cameras that aren't processed yet.
+        perception_ok, message: whether perception works, and if not, why.
     """
 
     floor: str
@@ -79,7 +90,7 @@ class Revision(Message, frozen=True, kw_only=True):
 
 
 class ObjectEvent(msgspec.Struct, frozen=True):
-    """One line in an object's history: which source said what, when, where in its picture, and what came of it."""
+    """One entry of an object's history: a detection in a view, and what followed from it (``what``, ``note``)."""
 
     stamp_ns: int
     source: str
@@ -95,11 +106,18 @@ class ObjectEvent(msgspec.Struct, frozen=True):
 class ObjectRecord(msgspec.Struct, frozen=True, kw_only=True):
     """One object of the joint map.
 
-    ``confidence`` is the maximum over robot and surveillance, ``label`` the class of that maximum.
-    ``center_m``, ``size_m``: axis-aligned box in the world [m]. ``points``: (N, 3) float32 bytes of at most
-    256 of its points [m, world]. ``seen_from``: mean of the horizontal unit vectors (x, y) from the object to those who
-    detected it: long where it was seen from one side only, (0, 0) where unknown or from all around. ``relevance``: cosine
-    of its embedding and that of the text asked for; None where none was, or where another model looked at it.
+    Attributes:
+        confidence, label: the larger of the robots' and the cameras' confidence, and its class.
+        confidence_robot, label_robot: the same from robots' views only.
+        confidence_surveillance, label_surveillance: the same from cameras' views only.
+        center_m, size_m: its axis-aligned box in the world.
+        sources: the sources that detected it.
+        reason: why it has its status.
+        points: (N, 3) float32 bytes of at most 256 of its points [m, world].
+        seen_from: mean of the horizontal unit vectors (x, y) from the object to its observers. It is long if the object was
+            seen from one side only, and (0, 0) if that is unknown or it was seen from all around.
+        relevance: cosine of its embedding and that of the requested text. None if no text was requested, or if another model
+            embedded the object.
     """
 
     id: int

@@ -1,4 +1,4 @@
-"""Missions: find a target."""
+"""Messages about missions, each of which searches for a target."""
 
 from __future__ import annotations
 
@@ -7,11 +7,18 @@ from typing import Literal
 import msgspec
 
 from surveilnav.messages.base import Message
-from surveilnav.mission_states import MissionState
+from surveilnav.mission_states import MissionStateName
 
 
 class MissionGoal(Message, frozen=True, kw_only=True):
-    """Find ``target`` with ``robot`` (empty: any free one). ``queue``: wait for it if it is busy, instead of a refusal."""
+    """Submits a mission.
+
+    Attributes:
+        target: what to find.
+        robot: id of the robot; empty: any free one.
+        max_steps: limit on the robot's steps.
+        queue: whether to wait for a busy robot, instead of being refused.
+    """
 
     mission: str
     target: str
@@ -21,12 +28,16 @@ class MissionGoal(Message, frozen=True, kw_only=True):
 
 
 class MissionAck(Message, frozen=True, kw_only=True):
-    """Answer to a goal, a pause or a cancel: taken or refused, with the error's name and text. ``target``: what the mission
-    looks for, as perception calls it."""
+    """Answer to a goal, a pause or a cancel.
+
+    Attributes:
+        target: what the mission searches for, in perception's vocabulary.
+        error, message: name and description of the reason why it isn't ``accepted``.
+    """
 
     mission: str
     accepted: bool
-    state: MissionState
+    state: MissionStateName
     robot: str = ""
     target: str = ""
     error: str = ""
@@ -34,14 +45,14 @@ class MissionAck(Message, frozen=True, kw_only=True):
 
 
 class MissionCancel(Message, frozen=True, kw_only=True):
-    """Cancel a mission; its robot stops."""
+    """Cancels a mission; its robot stops."""
 
     mission: str
     reason: str = ""
 
 
 class MissionPause(Message, frozen=True, kw_only=True):
-    """Pauses a mission (its robot ends its action and stays where it is), or (not ``paused``) has it go on."""
+    """Pauses a mission, whose robot then completes its action and stays where it is; or resumes it, if not ``paused``."""
 
     mission: str
     paused: bool
@@ -49,16 +60,23 @@ class MissionPause(Message, frozen=True, kw_only=True):
 
 
 class MissionStatus(Message, frozen=True, kw_only=True):
-    """State and feedback of a mission. ``phase`` is for people: waiting, scanning, exploring, approaching, ...
+    """State and progress of a mission.
 
-    ``target``: as perception calls it ("tv"); ``asked``: as who asked called it ("Fernseher"), where that is otherwise.
-    ``floor_choice_bytes``: what the cameras' summaries, of all floors, cost so far: the price of choosing the floor.
+    Attributes:
+        target: what it searches for, in perception's vocabulary ("tv").
+        asked: the word with which it was submitted ("Fernseher"), if that is another.
+        phase: what the robot is doing, for people: waiting, scanning, exploring, approaching, ...
+        step, path_m: steps and distance so far.
+        distance_remaining_m: length of the path to the present waypoint.
+        object_id: the object that was found, or is being approached.
+        error, message: name and description of the reason for a failure.
+        floor_choice_bytes: bytes of the cameras' summaries so far, of all floors: the cost of choosing the floor.
     """
 
     mission: str
     target: str
     robot: str
-    state: MissionState
+    state: MissionStateName
     phase: str
     step: int
     max_steps: int
@@ -76,7 +94,7 @@ class MissionStatus(Message, frozen=True, kw_only=True):
 
 
 class Candidate(msgspec.Struct, frozen=True):
-    """A place the planner weighed: kind, (x, y) in the world, score, and why it was or wasn't taken."""
+    """A place that the planner considered: its kind, (x, y) in the world, score, and why it was chosen or not."""
 
     kind: Literal["target", "candidate", "frontier", "stairs", "second_look"]
     x_m: float
@@ -88,10 +106,14 @@ class Candidate(msgspec.Struct, frozen=True):
 
 
 class Plan(Message, frozen=True, kw_only=True):
-    """The planner's present plan: waypoint, path (x, y in the world, metres), and what else it weighed.
+    """The planner's present plan.
 
-    ``why``: what the robot is up to, for people. ``candidates``: also objects that were left aside, each with why.
-    ``revision``, ``pending_views``: of the maps that it was decided on, and how many views of cameras were still to come then.
+    Attributes:
+        seq: sequence number of the observation that it is based on.
+        path_m: (x, y) of the path to the waypoint, in the world.
+        candidates: all places that were considered, also objects that were passed over.
+        why: what the robot intends, for people.
+        revision, pending_views: of the maps that it is based on; see ``Revision``.
     """
 
     mission: str

@@ -1,4 +1,4 @@
-"""What every node says of itself."""
+"""Messages that any node may send."""
 
 from __future__ import annotations
 
@@ -10,15 +10,18 @@ from surveilnav.messages.base import Message
 
 
 class Ack(Message, frozen=True, kw_only=True):
-    """A plain yes, with a word about what was done."""
+    """Confirms a request. ``message``: what was done."""
 
     message: str = ""
 
 
 class ErrorReply(Message, frozen=True, kw_only=True):
-    """Why a query wasn't answered: a name from the contract and a text for people.
+    """Why a query has no answer.
 
-    ``retry_after_ms``: when the same query may be answered; None: nobody knows, or never.
+    Attributes:
+        name: a name from the contract, for programs.
+        message: a description for people.
+        retry_after_ms: when the same query may be answered; None: never, or nobody knows.
     """
 
     name: str
@@ -27,10 +30,14 @@ class ErrorReply(Message, frozen=True, kw_only=True):
 
 
 class ServiceState(msgspec.Struct, frozen=True):
-    """A process that somebody keeps running.
+    """A process that a supervisor keeps running.
 
-    ``running``: it isn't waiting for its next start. ``restarts``: how often it was started again, ``restarted_ns`` the last
-    time (0: never). ``why``: how it had ended, such as "SIGKILL" or "exit code 1". ``given_up``: it isn't started any more.
+    Attributes:
+        running: whether it runs, or else waits for its next start.
+        restarts: number of restarts so far.
+        restarted_ns: time of the last one; 0: never.
+        why: how the process had ended, such as "SIGKILL" or "exit code 1".
+        given_up: whether it won't be started any more.
     """
 
     name: str
@@ -49,7 +56,7 @@ class ServiceList(Message, frozen=True, kw_only=True):
 
 
 class TrafficRow(msgspec.Struct, frozen=True):
-    """Bytes and messages of one key expression at one node since it started."""
+    """Messages and bytes of one key at one node since the node started."""
 
     key: str
     direction: Literal["offered", "delivered"]
@@ -58,7 +65,13 @@ class TrafficRow(msgspec.Struct, frozen=True):
 
 
 class TrafficReport(Message, frozen=True, kw_only=True):
-    """The three numbers of a node. ``wire_*``: the kernel's count on this node's own sockets (None: unknown)."""
+    """Traffic of a node.
+
+    Attributes:
+        rows: bytes offered and delivered, by key.
+        wire_sent_bytes, wire_received_bytes: the kernel's count on the node's sockets; None: unknown.
+        rejected: how often received data was dropped, by reason.
+    """
 
     node: str
     kind: str

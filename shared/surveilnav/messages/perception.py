@@ -1,4 +1,4 @@
-"""Perception on request."""
+"""Requests to perception workers, and their replies."""
 
 from __future__ import annotations
 
@@ -6,26 +6,29 @@ import msgspec
 
 from surveilnav.geometry import Pinhole
 from surveilnav.messages.base import Message
-from surveilnav.messages.view import Part
+from surveilnav.messages.view import PayloadPart
 
 
 class InferRequest(Message, frozen=True, kw_only=True):
     """Asks a worker about one view, or for the embeddings of texts.
 
-    For a view the payload is ``image`` then ``depth`` as in a frame; ``source``, ``view``, ``seq`` name it.
-    ``texts`` asks for text embeddings instead (no payload). ``prompts`` are words that an open-vocabulary detector
-    should look for; closed-set ones ignore them. ``detects`` false: only the view's embedding is wanted. A worker that
-    can't answer before ``deadline_ms`` has passed since it got the request refuses. ``asker`` names who asks, if it
-    wants a newer request of its own about the same view to take the place of one that still waits. ``cancel``: the
-    ``asker`` has no use any more for what it asked with this ``stamp_ns`` about this view; the answer is empty.
+    Attributes:
+        source, view, seq: identify the view.
+        camera, image, depth, depth_range_m: describe the payload, which is the encoded image, then depth, as in a frame.
+        prompts: words that an open-vocabulary detector should look for; closed-set detectors ignore them.
+        texts: texts to embed. Such a request has no view and no payload.
+        deadline_ms: the worker refuses the request if it can't answer within this time after it arrived.
+        detects: False if only the view's embedding is wanted.
+        asker: identifies who asks. A newer request of the same asker about the same view supersedes one that still waits.
+        cancel: cancels the ``asker``'s earlier request with this ``stamp_ns`` about this view. The answer is empty.
     """
 
     source: str = ""
     view: int = 0
     seq: int = 0
     camera: Pinhole | None = None
-    image: Part | None = None
-    depth: Part | None = None
+    image: PayloadPart | None = None
+    depth: PayloadPart | None = None
     depth_range_m: tuple[float, float] = (0.0, 0.0)
     prompts: list[str] = []
     texts: list[str] = []
@@ -36,7 +39,7 @@ class InferRequest(Message, frozen=True, kw_only=True):
 
 
 class ModelIds(msgspec.Struct, frozen=True, omit_defaults=True):
-    """Which models answered; empty where there is none. ``embedder`` names the space of all vectors in the answer."""
+    """Ids of the models that answered; empty if there is none. ``embedder`` is the space of all embeddings in the answer."""
 
     detector: str = ""
     segmenter: str = ""
@@ -44,11 +47,15 @@ class ModelIds(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class Detection(msgspec.Struct, frozen=True):
-    """One object: canonical label, score 0-1, box (x0, y0, x1, y1) in pixels, unit embedding (float16 bytes).
+    """One object in a view.
 
-    ``mask`` holds the run lengths of the box rounded outwards to whole pixels, as ``surveilnav.sensing.rle`` writes
-    them; empty: the whole box. ``chance``: how likely it is what it is called, 0-1; None: the worker's backend isn't
-    calibrated.
+    Attributes:
+        label: its canonical name.
+        score: the detector's score, 0-1.
+        box_px: (x0, y0, x1, y1).
+        embedding: unit vector as float16 bytes.
+        mask: run lengths (``surveilnav.sensing.rle``) for the box rounded outwards to whole pixels; empty: the whole box.
+        chance: calibrated probability that the label is right, 0-1; None: the worker's backend isn't calibrated.
     """
 
     label: str
@@ -60,11 +67,14 @@ class Detection(msgspec.Struct, frozen=True):
 
 
 class InferReply(Message, frozen=True, kw_only=True):
-    """What a worker sees in one view.
+    """What a worker found in one view.
 
-    ``image_embedding``: float16 bytes, unit length. ``relevance``: by prompt, the cosine of the view's embedding with
-    the prompt's own (-1 to 1); prompts that the space has no place for are missing. ``words``: what the detector looked
-    for; all its names, if it has a vocabulary.
+    Attributes:
+        image_embedding: unit vector as float16 bytes.
+        latency_ms: time that the worker processed the view, without waiting.
+        relevance: by prompt, the cosine of the view's and the prompt's embeddings, -1 to 1. Prompts that can't be embedded
+            are missing.
+        words: what the detector looked for: the prompts, or all classes of its vocabulary.
     """
 
     worker: str
@@ -81,10 +91,13 @@ class InferReply(Message, frozen=True, kw_only=True):
 
 
 class TextReply(Message, frozen=True, kw_only=True):
-    """Embeddings of texts, one float16 vector each, in the order asked. ``models.embedder`` names their space.
+    """Embeddings of texts.
 
-    ``words``: what the worker's vocabulary calls the thing that each text names ("Fernseher": "tv"); empty: nothing, or
-    it knows any word. ``vocabulary``: all names that it has; empty: it knows any word.
+    Attributes:
+        embeddings: unit vectors as float16 bytes, in the order of the texts.
+        words: for each text, the class of the worker's vocabulary that it names ("Fernseher": "tv"); empty if there is
+            none, or the vocabulary is open.
+        vocabulary: all classes; empty if the vocabulary is open.
     """
 
     worker: str
@@ -96,12 +109,18 @@ class TextReply(Message, frozen=True, kw_only=True):
 
 
 class WorkerLoad(Message, frozen=True, kw_only=True):
-    """Queue and speed of a worker, at 1 Hz: who asks takes the least loaded first.
+    """How busy and how fast a worker is, at 1 Hz. Clients ask the least loaded worker first.
 
-    ``ready``: its answer to a probe picture was well-formed; before that it refuses views and texts. ``times``: by stage
-    ("queue", "decode", then the backend's own), how many views took how long, in the buckets of
-    ``surveilnav.histogram``, since it started. ``cached``: how many views it knew the answer to.
-    ``open_vocabulary``: it looks for whatever words it is given. ``calibrated``: its detections have chances.
+    Attributes:
+        why: why it runs this backend, for people.
+        queued: requests that wait or are processed, of at most ``capacity``.
+        latency_ms: mean time to process a view, without waiting.
+        ready: whether it has passed its probe; before that it refuses all requests.
+        times: by stage ("queue", "decode", the backend's, "answer"), how many views took how long since it started, in the
+            buckets of ``surveilnav.histogram``.
+        cached: number of requests answered from the cache.
+        open_vocabulary: whether it looks for any word.
+        calibrated: whether its detections have a ``chance``.
     """
 
     worker: str

@@ -1,4 +1,4 @@
-"""Pictures that are kept, and shall not be."""
+"""Messages with which people have past pictures deleted."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ from surveilnav.messages.base import Message
 
 
 class ForgetPictures(Message, frozen=True, kw_only=True):
-    """Asks whoever keeps past pictures to forget them."""
+    """Asks all who keep past pictures to delete them."""
 
     reason: str = ""
 
 
 class PicturesForgotten(Message, frozen=True, kw_only=True):
-    """What ``keeper`` does about it, for people."""
+    """Answer of one ``keeper``. ``message``: what it deletes, for people."""
 
     keeper: str
     message: str

@@ -1,4 +1,4 @@
-"""Recordings: what the maps were made of, as fusion tells it, and the files that a recorder keeps."""
+"""Messages for recording and replay: fusion's log of views, the recorder's files, the state of a replay."""
 
 from __future__ import annotations
 
@@ -10,12 +10,15 @@ from surveilnav.messages.base import Message
 
 
 class LoggedView(Message, frozen=True, kw_only=True):
-    """A view as fusion logged it before its maps took it: whoever has all of them can make the same maps again.
+    """An entry of fusion's log of views, from which the maps can be rebuilt exactly. The payload is the picture.
 
-    ``number``: in the log, from 1 on; 0: there is none yet after the one asked for. ``newest``: the last that the maps took.
-    ``header``: of the frame or observation, as MessagePack; ``reply``: what perception answered (an ``InferReply``), empty
-    where nobody looked. ``fault``: why it was of no use, with neither. The payload is the picture. ``digest``: of pose, picture
-    and what looked at it.
+    Attributes:
+        number: position in the log, from 1; 0: there is no later entry than the requested one yet.
+        newest: number of the newest view in the maps.
+        header: the frame's or observation's header as MessagePack.
+        reply: perception's ``InferReply`` as MessagePack; empty if the view wasn't given to perception.
+        digest: hash of pose, picture and perception's models.
+        fault: why the view was refused; then header and reply are empty.
     """
 
     number: int
@@ -29,10 +32,12 @@ class LoggedView(Message, frozen=True, kw_only=True):
 
 
 class MapSnapshot(Message, frozen=True, kw_only=True):
-    """The maps after view ``number`` of the log, piece by piece: the payload is what lies at ``offset`` of ``n_bytes``.
+    """The maps after view ``number`` of the log, in pieces: the payload is the piece at ``offset`` of ``n_bytes``.
 
-    ``digest``: of the maps alone, in hex: the same for the same maps. ``config``: what fusion makes them with, as JSON.
-    ``revision``: how many views they hold.
+    Attributes:
+        revision: number of views in the maps.
+        digest: hash of the maps in hex, equal for equal maps.
+        config: fusion's settings for the maps as JSON.
     """
 
     number: int
@@ -44,9 +49,14 @@ class MapSnapshot(Message, frozen=True, kw_only=True):
 
 
 class RecorderStatus(Message, frozen=True, kw_only=True):
-    """How a recorder is. ``recording``: the ids of the files that are being written. ``problem``: why something isn't recorded
-    now; empty while all is. ``dropped``: messages that the disk was too slow for, since the recorder started. ``n_bytes``: of
-    all its files; ``free_bytes``: left on its disk.
+    """State of a recorder.
+
+    Attributes:
+        recording: ids of the files that are being written.
+        problem: why something isn't being recorded; empty if everything is.
+        dropped: number of messages lost since the recorder started because the disk was too slow.
+        n_bytes: size of all its files.
+        free_bytes: free space on its disk.
     """
 
     recorder: str
@@ -58,8 +68,13 @@ class RecorderStatus(Message, frozen=True, kw_only=True):
 
 
 class Recording(msgspec.Struct, frozen=True, kw_only=True):
-    """One file. ``state``: "recording" while it is written; "interrupted": its end is missing, it can be read so far.
-    ``cameras``: those whose pictures it shows; None: nobody knows, as it isn't complete."""
+    """One file of a recorder.
+
+    Attributes:
+        state: "recording": it is being written; "interrupted": its end is missing, but what there is can be read.
+        started_ns, changed_ns: times of the recording's start and of the last write.
+        cameras: the cameras whose pictures it contains; None: unknown, because it isn't complete.
+    """
 
     id: str
     mission: str
@@ -79,7 +94,7 @@ class RecordingList(Message, frozen=True, kw_only=True):
 
 
 class RecordingPart(Message, frozen=True, kw_only=True):
-    """A stretch of a file: asked for, and (with the bytes as payload) answered. ``total_bytes``: of the file, in an answer."""
+    """A part of a file, in the query and, with its bytes as payload, in the answer. ``total_bytes``: the file's size."""
 
     id: str
     offset: int = 0
@@ -88,18 +103,23 @@ class RecordingPart(Message, frozen=True, kw_only=True):
 
 
 class RecordingRemoval(Message, frozen=True, kw_only=True):
-    """Asks a recorder to delete a file for good; one that is being written can't be."""
+    """Asks a recorder to delete a file for good. A file that is being written can't be deleted."""
 
     id: str
 
 
-#: How many times as fast as it happened a recording may be shown.
+#: Limits of a replay's speed; 1 is real time.
 SLOWEST_REPLAY, FASTEST_REPLAY = 0.01, 1000.0
 
 
 class ReplayStatus(Message, frozen=True, kw_only=True):
-    """A recording that is shown again. ``at_s`` of ``duration_s`` was told; ``speed``: so many times as fast as it happened;
-    ``began_ns``: when it did. ``jumps``: how often it was taken to another moment: what was heard before may lie in its future.
+    """State of a replay.
+
+    Attributes:
+        began_ns: when the recording began.
+        at_s: present position in the recording, of ``duration_s``.
+        speed: 1 is real time.
+        jumps: number of jumps so far. After a jump, messages received before it may lie in the replay's future.
     """
 
     player: str
@@ -114,7 +134,7 @@ class ReplayStatus(Message, frozen=True, kw_only=True):
 
 
 class ReplayControl(Message, frozen=True, kw_only=True):
-    """What a replay should do; None: as it is. ``at_s``: where to go on from; ``speed``: see ``ReplayStatus``."""
+    """Controls a replay; fields that are None stay as they are. ``at_s``: position to jump to; ``speed``: 1 is real time."""
 
     at_s: float | None = None
     speed: float | None = None

@@ -1,4 +1,4 @@
-"""Robots: observations, state, commands."""
+"""Messages of robots: observations, state, commands."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from surveilnav.messages.view import FrameHeader
 
 ActionName = Literal["move_forward", "turn_left", "turn_right", "look_up", "look_down", "stop", "take_stairs"]
 
-#: move_forward 0.25 m; turns and looks 30 degrees; take_stairs goes to another floor over a stair transit.
+#: ``move_forward`` goes 0.25 m, turns and looks turn by 30 degrees, ``take_stairs`` goes to another floor by a ``Stair``.
 ACTIONS: tuple[str, ...] = (
     "move_forward",
     "turn_left",
@@ -25,10 +25,13 @@ ACTIONS: tuple[str, ...] = (
 
 
 class Observation(FrameHeader, frozen=True, kw_only=True):
-    """What a robot sees after its last action: a frame, and its base's pose on the floor.
+    """What a robot sees after its last action.
 
-    ``T_world_base``: x forward, z up, on the floor. ``last_action`` led here; ``collided`` says that it was
-    cut short; ``path_m`` is the length of the way so far since ``mission`` (or since start-up).
+    Attributes:
+        T_world_base: pose of its base on the floor, x forward, z up.
+        last_action: the action that led here.
+        collided: whether that action was cut short.
+        path_m: distance travelled since the mission began, or since start-up.
     """
 
     T_world_base: Pose
@@ -40,7 +43,9 @@ class Observation(FrameHeader, frozen=True, kw_only=True):
 class Stair(msgspec.Struct, frozen=True, kw_only=True):
     """A way to another floor that a robot can take by ``take_stairs``, in one direction.
 
-    ``at_m``, ``to_m``: its ends (x, y, z) on the two floors [m, world]; ``length_m``: of the way between them.
+    Attributes:
+        at_m, to_m: its ends (x, y, z) on the two floors, in the world.
+        length_m: length of the way between them.
     """
 
     floor: str
@@ -51,13 +56,21 @@ class Stair(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class RobotStatus(Message, frozen=True, kw_only=True):
-    """State of a robot, at 1 Hz and on change. ``seq``: its newest observation; ``pitch_rad`` of its camera, up > 0.
+    """State of a robot, at 1 Hz and on change.
 
-    ``stairs``: the stairs (or lifts) of the building that this robot can take, in both directions.
-    ``notes``: what people should know of where it can go ("robots reach 39 of 118 m²: no stair leads to level 2").
-    ``mission``: the one that it last obeyed; ``last_action`` led to ``seq`` (None: nothing done in it yet); ``collided``: it was
-    cut short; ``path_m``: length of the way since that mission began (or since start-up). ``halted``: somebody stopped it by
-    hand, and it refuses to move until it is released.
+    Attributes:
+        seq: sequence number of its newest observation.
+        state: "moving": it expects another command; "stopped": it called ``stop`` or no command came in time; "halted":
+            somebody stopped it by hand, and it refuses to move until it is released.
+        T_world_base: see ``Observation``.
+        pitch_rad: tilt of its camera, positive upwards.
+        message: details of the state, for people.
+        stairs: the stairs or lifts that it can take, once for each direction.
+        notes: where it can't go, for people ("robots reach 39 of 118 m²: no stair leads to level 2").
+        mission: the mission whose command it carried out last.
+        last_action: the action that led to ``seq``; None: none in this mission yet.
+        collided: whether that action was cut short.
+        path_m: distance travelled since the mission began, or since start-up.
     """
 
     robot: str
@@ -76,10 +89,12 @@ class RobotStatus(Message, frozen=True, kw_only=True):
 
 
 class Command(Message, frozen=True, kw_only=True):
-    """One action, valid only if the robot's newest observation is ``seq_expected``.
+    """One action, valid only if the sequence number of the robot's newest observation is ``seq_expected``.
 
-    ``observe`` is the sequence wanted back; ``to_floor`` belongs to take_stairs. A robot that hears no
-    command within ``deadline_ms`` after this one stops.
+    Attributes:
+        deadline_ms: if no further command comes within this time, the robot reports itself as stopped.
+        to_floor: destination of ``take_stairs``.
+        mission: the mission that it belongs to.
     """
 
     action: ActionName
@@ -90,7 +105,7 @@ class Command(Message, frozen=True, kw_only=True):
 
 
 class CommandReply(Message, frozen=True, kw_only=True):
-    """Whether a command was carried out, and the observation it led to (``seq``)."""
+    """Whether a command was carried out; ``seq``: the observation that it led to, or the present one."""
 
     accepted: bool
     seq: int
@@ -98,7 +113,7 @@ class CommandReply(Message, frozen=True, kw_only=True):
 
 
 class Halt(Message, frozen=True, kw_only=True):
-    """Stops a robot at once (``halted``), or releases it. A halted robot refuses every command but stop, as "halted"."""
+    """Halts a robot at once, or releases it. A halted robot refuses every command but ``stop`` as "halted"."""
 
     halted: bool
     reason: str = ""

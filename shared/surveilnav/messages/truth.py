@@ -1,4 +1,4 @@
-"""Simulation only: the key that real backends never subscribe to."""
+"""Messages that exist only in simulation; real backends never receive them."""
 
 from __future__ import annotations
 
@@ -7,9 +7,11 @@ from surveilnav.messages.base import Message
 
 
 class Truth(Message, frozen=True, kw_only=True):
-    """Instance ids of a view; the payload is a zstd-compressed uint16 image (height, width), 0: nothing.
+    """Instance ids of a view; the payload is a zstd-compressed uint16 image (height, width), 0 where there is no instance.
 
-    ``labels`` maps instance ids to class names; ``T_world_camera``: where the view was taken from.
+    Attributes:
+        labels: by instance id, the class.
+        T_world_camera: pose of the view.
     """
 
     source: str
@@ -22,9 +24,9 @@ class Truth(Message, frozen=True, kw_only=True):
 
 
 class Judged(Message, frozen=True, kw_only=True):
-    """Whether a robot that called ``stop`` stood where it should, by the simulator's rules.
+    """Whether a robot that called ``stop`` had found its target, by the benchmark's rule.
 
-    ``distance_m``: the way from there to the nearest place that counts [m]; None: no way leads there.
+    ``distance_m``: distance left to the nearest place that would count; None: no way leads there.
     """
 
     mission: str

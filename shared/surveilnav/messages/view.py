@@ -1,4 +1,4 @@
-"""The header of a picture. The pixels themselves are the raw payload beside it."""
+"""The header of an RGB-D picture, whose encoded pixels are the raw payload beside it."""
 
 from __future__ import annotations
 
@@ -10,19 +10,25 @@ from surveilnav.geometry import Pinhole, Pose
 from surveilnav.messages.base import Message
 
 
-class Part(msgspec.Struct, frozen=True):
-    """One stretch of the payload: how it is encoded, and how many bytes it takes."""
+class PayloadPart(msgspec.Struct, frozen=True):
+    """One part of a payload: its encoding and its size."""
 
     encoding: Literal["jpeg", "depth-invq-zstd"]
     n_bytes: int
 
 
 class FrameHeader(Message, frozen=True, kw_only=True):
-    """Describes an RGB-D picture; travels as attachment, its payload is ``image`` then ``depth``.
+    """Describes an RGB-D picture; the payload is ``image``, then ``depth``.
 
-    ``T_world_camera`` maps the OpenCV camera frame to the world; ``floor`` names the floor the source
-    stands on; ``mounting_offset_m`` is the sensor's height above that floor; ``depth_range_m`` is
-    (nearest, farthest) measurable depth.
+    Attributes:
+        source: "robot/<id>" or "camera/<id>".
+        view: index of a camera's view; 0 for a robot.
+        seq: sequence number of the picture.
+        floor: the floor that the source stands on.
+        T_world_camera: pose of the camera, OpenCV axes.
+        camera: intrinsics of both pictures.
+        mounting_offset_m: height of the camera above the floor.
+        depth_range_m: (nearest, farthest) depth that it measures.
     """
 
     source: str
@@ -33,5 +39,5 @@ class FrameHeader(Message, frozen=True, kw_only=True):
     camera: Pinhole
     mounting_offset_m: float
     depth_range_m: tuple[float, float]
-    image: Part
-    depth: Part
+    image: PayloadPart
+    depth: PayloadPart

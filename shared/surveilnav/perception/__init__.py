@@ -1,14 +1,16 @@
-"""The backends of perception, pure: arrays in, arrays out.
+"""Perception backends: RGB-D pictures in, detections with masks and embeddings out. Pure, no input or output.
 
-backend      the class ``Backend``: the stages that a view passes through
-protocols    its three parts: ``Detector``, ``Segmenter``, ``Embedder``
-pipeline     a backend made of the three
-names        what backends are called
-presets      which three make which backend; ``choose`` takes one, and says why
-detectors, segmenters, embedders   the parts, a file a model; ``parts`` takes one by its model's name
-torch_model  what runs under PyTorch is loaded by it; runtime: on which device, with how many threads
-vocabulary   the names of a closed set of classes, and what is known of them (``data``)
-models       the networks' files: where they come from, and that they are what they should be
-boxes        boxes with the scores of words; sizes: what depth says of a label
-prompts      the text that the value map compares views with (eq. 2), and targets that a backend can't look for
+backend         the interface ``Backend``: the stages that a view passes through
+protocols       the interfaces ``Detector``, ``Segmenter``, ``Embedder``
+pipeline        a backend made of these three
+single_network  a backend of one network: ``compact``
+names           names of the backends
+presets         the backends by name, and their models; ``choose`` picks one, and says why
+detectors, segmenters, embedders   one file per model family; ``parts`` loads one by its model's name
+torch_model     loads models under PyTorch; runtime: device and threads
+vocabulary      the names of a closed set of classes, and prior knowledge about them (``data``)
+models          the networks' files: where they come from, and their checksums
+boxes           boxes with the scores of words; sizes: plausible sizes of classes
+chances         calibration: from a score to a probability
+prompts         the text that the value map compares views with (eq. 2)
 """

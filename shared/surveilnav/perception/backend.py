@@ -1,4 +1,4 @@
-"""What every backend of perception can do: the stages that a view passes through, one after the other."""
+"""The interface of a perception backend: the stages that a view passes through, one after the other."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ from surveilnav.sensing.views import TrueInstances, ViewPerception
 
 
 @dataclass(slots=True, eq=False)
-class Work:
-    """One view on its way through the stages: what was asked, and what is known so far.
+class ViewTask:
+    """One view on its way through the stages: the input, and what the stages have found so far.
 
     Attributes:
         view: the picture.
-        prompts: words that an open-vocabulary detector should look for; closed-set ones ignore them.
-        truth: what each pixel shows; only for backends that need it.
-        key: names the view (source, view, seq): what a backend draws by chance depends on nothing else, and a source that
-            begins with "camera/" is a camera's.
-        looked_for: after detecting, the words that were looked for; none if detecting was left out.
-        boxes: after detecting, with all words' scores.
-        rows: after segmenting, which of the boxes are reported; ``masks``: theirs.
-        seen: the answer, after the last stage.
+        prompts: words that an open-vocabulary detector should look for; closed-set detectors ignore them.
+        truth: which instance each pixel shows; only for backends that need it.
+        key: (source, view, seq) of the view. A backend that draws random numbers seeds them by it, and a source that begins
+            with "camera/" is a surveillance camera.
+        searched_words: set by the detector: the words that it looked for; empty if detection was skipped.
+        boxes: set by the detector, with the scores of all words.
+        rows: set by the segmenter: the rows of ``boxes`` that are reported. ``masks``: their masks.
+        result: set by the last stage.
     """
 
     view: RgbdView
@@ -42,32 +42,32 @@ class Work:
     boxes: Boxes = field(default_factory=Boxes.empty)
     rows: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
     masks: list[NDArray[np.bool_] | None] = field(default_factory=list)
-    looked_for: tuple[str, ...] = ()
-    seen: ViewPerception | None = None
+    searched_words: tuple[str, ...] = ()
+    result: ViewPerception | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Stage:
-    """One step of a backend. ``run`` takes a batch and writes its results into it; PerceptionError: it can't."""
+    """One step of a backend. ``run`` processes a batch in place, or raises PerceptionError."""
 
     name: str
-    run: Callable[[Sequence[Work]], None]
+    run: Callable[[Sequence[ViewTask]], None]
 
 
 class Backend(ABC):
-    """Detects, segments and embeds; one instance serves one thread at a time.
+    """Detects, segments and embeds the objects of a view. Not thread-safe.
 
     Attributes:
         name: the backend's name in messages and reports.
-        why: one sentence for people: what runs, and why this one.
+        why: a sentence for people: what runs, and why it was chosen.
         models: ids of the models that it runs.
-        vocabulary: the words that it knows; None: any.
-        needs_prompts: it finds nothing but what it is asked for; its embeddings don't depend on what it finds.
+        vocabulary: the classes that it can detect; None: any word.
+        needs_prompts: it detects only what the prompts name, and its embeddings don't depend on what it detects.
         embedding_dim: D of every embedding.
-        best_batch: so many views it looks at together faster than one after the other.
-        needs_truth: it must be told what each pixel shows (simulation only).
-        chances: how likely its detections are what it calls them; None: it isn't calibrated.
-        stages: what a view passes through, in order; views of a batch don't depend on each other.
+        best_batch: batch size with which it is fastest.
+        needs_truth: it must be told which instance each pixel shows (simulation only).
+        chances: calibration of its scores; None: it isn't calibrated.
+        stages: the stages of a view, in order. The views of a batch don't influence each other.
     """
 
     name: str
@@ -91,46 +91,48 @@ class Backend(ABC):
         truth: TrueInstances | None = None,
         key: tuple[object, ...] = (),
     ) -> ViewPerception:
-        """What is seen in one view; the arguments are ``Work``'s and ``RgbdView``'s.
+        """Runs all stages on one view; the arguments are fields of ``ViewTask`` and ``RgbdView``.
 
         Raises:
             PerceptionError: the backend can't answer.
         """
-        work = Work(RgbdView(rgb, depth_m, camera), prompts, truth, key)
+        task = ViewTask(RgbdView(rgb, depth_m, camera), prompts, truth, key)
         for stage in self.stages:
-            stage.run([work])
-        assert work.seen is not None, f"the last stage of {self.name} gives no answer"
-        return work.seen
+            stage.run([task])
+        assert task.result is not None, f"the last stage of {self.name} gives no answer"
+        return task.result
 
     @property
     def calibrated(self) -> bool:
-        """Whether its detections have chances."""
+        """Whether its detections have calibrated probabilities."""
         return self.chances is not None
 
-    def judge(self, batch: Sequence[Work]) -> None:
-        """The last stage of a calibrated backend: gives each detection its chance."""
+    def assign_chances(self, batch: Sequence[ViewTask]) -> None:
+        """The last stage of a calibrated backend: sets the calibrated probability of each detection."""
         assert self.chances is not None, f"{self.name} isn't calibrated"
-        for work in batch:
-            assert work.seen is not None, f"nothing was seen before {self.name} judges it"
-            is_camera = bool(work.key) and str(work.key[0]).startswith("camera/")
-            work.seen = with_chances(work.seen, work.view.depth_m, work.view.camera, self.chances, is_camera=is_camera)
+        for task in batch:
+            assert task.result is not None, f"{self.name} has no result to calibrate"
+            is_camera = bool(task.key) and str(task.key[0]).startswith("camera/")
+            task.result = with_chances(
+                task.result, task.view.depth_m, task.view.camera, self.chances, is_camera=is_camera
+            )
 
-    def refuses(self, word: str) -> str:
-        """Why it can't look for a word; empty: it can."""
+    def refusal(self, word: str) -> str:
+        """Why it can't look for a word, as a sentence for people; empty if it can."""
         if self.vocabulary is None:
             return ""
         try:
-            self.vocabulary.known(word)
+            self.vocabulary.resolve_name(word)
         except TargetError as error:
             return str(error)
         return ""
 
-    def understood(self, word: str) -> str:
-        """The name that its vocabulary has for a word; empty: none, or it knows any word.
+    def find_name(self, word: str) -> str:
+        """The class that a word means in its vocabulary, such as "tv" for "Fernseher" with COCO's classes.
 
-        "Fernseher" is "tv" for a detector of COCO's classes.
+        Empty if it means none, or if the backend can look for any word.
         """
-        return "" if self.vocabulary is None else self.vocabulary.understood(word)
+        return "" if self.vocabulary is None else self.vocabulary.find_name(word)
 
     @abstractmethod
     def embed_texts(self, texts: Sequence[str]) -> NDArray[np.float32]:

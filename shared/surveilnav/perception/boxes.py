@@ -1,4 +1,4 @@
-"""Boxes with the scores of all words: overlap, suppression of duplicates, agreement of two detectors."""
+"""Boxes with a score for each word: overlap, merging of duplicates, weighted box fusion of several detectors."""
 
 from __future__ import annotations
 
@@ -11,9 +11,12 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Boxes:
-    """N boxes of one picture and how well each of W words fits them.
+    """N boxes of one picture, and how well each of W words fits each of them.
 
-    ``xyxy`` (N, 4) float32 [pixels]; ``scores`` (N, W) float32, 0-1, zero where unsaid; ``words``: the W columns' names.
+    Attributes:
+        xyxy: (N, 4) float32 corners x0, y0, x1, y1 [pixels].
+        scores: (N, W) float32, 0-1; zero where the detector reports no score.
+        words: names of the W columns.
     """
 
     xyxy: NDArray[np.float32]
@@ -25,8 +28,8 @@ class Boxes:
         return cls(np.zeros((0, 4), np.float32), np.zeros((0, len(words)), np.float32), words)
 
     @classmethod
-    def joined(cls, parts: Sequence[Boxes]) -> Boxes:
-        """All boxes of one or more parts that have the same words."""
+    def concatenate(cls, parts: Sequence[Boxes]) -> Boxes:
+        """The boxes of all ``parts``, of which there is at least one. All must have the same words."""
         full = [p for p in parts if len(p)] or list(parts[:1])
         xyxy, scores = np.concatenate([p.xyxy for p in full]), np.concatenate([p.scores for p in full])
         return cls(xyxy, scores, full[0].words)
@@ -35,19 +38,19 @@ class Boxes:
         return len(self.xyxy)
 
     @property
-    def best(self) -> NDArray[np.float32]:
-        """(N,) the highest score of each."""
+    def best_scores(self) -> NDArray[np.float32]:
+        """(N,) highest score of each box."""
         return self.scores.max(axis=1) if len(self) else np.zeros(0, np.float32)
 
     @property
     def labels(self) -> list[str]:
-        """The word of each one's highest score."""
+        """The word with the highest score, for each box."""
         return [self.words[i] for i in self.scores.argmax(axis=1).tolist()] if len(self) else []
 
-    def where(self, keep: NDArray) -> Boxes:
+    def select(self, keep: NDArray) -> Boxes:
         return Boxes(self.xyxy[keep], self.scores[keep], self.words)
 
-    def scored(self, scores: NDArray[np.float32]) -> Boxes:
+    def with_scores(self, scores: NDArray[np.float32]) -> Boxes:
         """The same boxes with other scores (N, W)."""
         return Boxes(self.xyxy, scores, self.words)
 
@@ -55,14 +58,18 @@ class Boxes:
         return Boxes(self.xyxy + np.array([x_px, y_px, x_px, y_px], np.float32), self.scores, self.words)
 
     def clipped(self, width_px: int, height_px: int, smallest_px: float = 4.0) -> Boxes:
-        """Cut to the picture; what is left smaller than ``smallest_px`` a side goes."""
+        """The boxes clipped to the picture, without those that have a side shorter than ``smallest_px`` afterwards."""
         xyxy = np.clip(self.xyxy, 0, np.array([width_px, height_px, width_px, height_px], np.float32))
         keep = (xyxy[:, 2:] - xyxy[:, :2]).min(axis=1, initial=np.inf) >= smallest_px
         return Boxes(xyxy[keep], self.scores[keep], self.words)
 
 
 def overlaps(a: NDArray[np.float32], b: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """(IoU, share of the smaller box that lies in the other), both (len(a), len(b)), of boxes (., 4)."""
+    """Overlap of all pairs of two sets of boxes (A, 4) and (B, 4).
+
+    Returns:
+        (A, B) intersection over union, and (A, B) share of the smaller box that lies inside the other.
+    """
     across, along = (
         np.maximum(np.minimum.outer(a[:, k + 2], b[:, k + 2]) - np.maximum.outer(a[:, k], b[:, k]), 0) for k in (0, 1)
     )
@@ -73,19 +80,26 @@ def overlaps(a: NDArray[np.float32], b: NDArray[np.float32]) -> tuple[NDArray[np
     return common / np.maximum(union, 1e-6), common / np.maximum(smaller, 1e-6)
 
 
-def merged(boxes: Boxes, iou: float, inside: float = 2.0, most: int = 300) -> Boxes:
-    """One box per thing: the best first takes what overlaps it, whatever the class, and each class's highest score.
+def merge_overlapping(boxes: Boxes, iou: float, inside: float = 2.0, max_boxes: int = 300) -> Boxes:
+    """Merges boxes that overlap into one per object, whatever their classes, best first.
 
-    ``inside``: boxes of the same class of which at least this share lies in the best one are taken too (pieces of an
-    object that tiles cut); 2: none.
+    Like non-maximum suppression, but the remaining box gets each class's highest score among those it replaces.
+
+    Args:
+        iou: boxes with at least this IoU are merged.
+        inside: boxes of the same class are also merged if at least this share of one lies inside the better one, as pieces of
+            an object cut by tiles do; 2: never.
+        max_boxes: only so many of the best boxes are compared; the others are dropped.
     """
-    return merged_rows(boxes, iou, inside, most)[0]
+    return merge_overlapping_rows(boxes, iou, inside, max_boxes)[0]
 
 
-def merged_rows(boxes: Boxes, iou: float, inside: float = 2.0, most: int = 300) -> tuple[Boxes, NDArray[np.int64]]:
-    """``merged``, and which row of ``boxes`` each of them was (N,)."""
-    order = np.argsort(-boxes.best, kind="stable")[:most]
-    boxes = boxes.where(order)
+def merge_overlapping_rows(
+    boxes: Boxes, iou: float, inside: float = 2.0, max_boxes: int = 300
+) -> tuple[Boxes, NDArray[np.int64]]:
+    """``merge_overlapping``, and the row (N,) of ``boxes`` that each remaining box was."""
+    order = np.argsort(-boxes.best_scores, kind="stable")[:max_boxes]
+    boxes = boxes.select(order)
     if not len(boxes):
         return boxes, order
     iou_of, inside_of = overlaps(boxes.xyxy, boxes.xyxy)
@@ -105,11 +119,17 @@ def merged_rows(boxes: Boxes, iou: float, inside: float = 2.0, most: int = 300) 
     return Boxes(boxes.xyxy[keep], np.array(scores), boxes.words), order[keep]
 
 
-def agreed(views: Sequence[Boxes], iou: float, alone: float) -> Boxes:
-    """Weighted box fusion over detectors (Solovyev et al. 2021), with class scores instead of one label.
+def weighted_box_fusion(views: Sequence[Boxes], iou: float, silent_vote: float) -> Boxes:
+    """Combines the boxes of several detectors of one picture (Solovyev et al. 2021), with class scores instead of one label.
 
-    Boxes that overlap are one thing: its box is the mean weighted by scores, its class scores the mean over all
-    detectors, where one that is silent counts as agreeing with the share ``alone`` (0: not at all, as in the paper).
+    Boxes of different detectors that overlap are one object. Its box is the mean weighted by scores, its class scores are the
+    mean over all detectors.
+
+    Args:
+        views: the boxes of each detector, all with the same words.
+        iou: boxes with at least this IoU are one object.
+        silent_vote: share of the best box's scores that a detector without a matching box contributes to the mean. 0: none,
+            as in the paper; 1: as if it agreed.
     """
     if len(views) == 1:
         return views[0]
@@ -124,14 +144,14 @@ def agreed(views: Sequence[Boxes], iou: float, alone: float) -> Boxes:
         if taken[i]:
             continue
         members = [i]
-        for other in range(len(views)):  # the best match of every other detector
+        for other in range(len(views)):  # the best match of each other detector
             free = np.flatnonzero(~taken & (owner == other) & (overlap[i] >= iou))
             if other != owner[i] and len(free):
                 members.append(free[np.argmax(overlap[i, free])])
         taken[members] = True
         weights = scores[members].max(axis=1)
         out_boxes.append((xyxy[members] * weights[:, None]).sum(axis=0) / weights.sum())
-        total = scores[members].sum(axis=0) + alone * (len(views) - len(members)) * scores[i]
+        total = scores[members].sum(axis=0) + silent_vote * (len(views) - len(members)) * scores[i]
         out_scores.append(total / len(views))
     if not out_boxes:
         return Boxes.empty(views[0].words)

@@ -1,8 +1,9 @@
-"""How likely a detection is what it is called: a table for each backend, fitted to views whose truth is known.
+"""Calibration of scores: the probability that a detection is what it is called.
 
-A score means something else for every detector, class, size and distance. The chance is a logistic regression on the
-score's log-odds and on how large, how far and in what kind of view the thing shows, with a part of its own for each class.
-Without a table the score itself is taken for the chance: monotone, and said to be no more than that.
+A detector's score of 0.6 means something else for each detector, class, size and distance. The probability ("chance") is a
+logistic regression on the score's log-odds and on the object's size, range and kind of view, with terms for each class. Each
+calibrated backend has a table of coefficients, fitted to views whose truth is known (``benchmark/studies/calibration``).
+Without a table the score itself takes the place of the probability.
 """
 
 from __future__ import annotations
@@ -18,41 +19,44 @@ from numpy.typing import NDArray
 
 from surveilnav.geometry import Pinhole
 from surveilnav.perception.vocabulary import DATA
-from surveilnav.sensing.views import Detected, ViewPerception, box_cells
+from surveilnav.sensing.views import DetectedObject, ViewPerception, box_cells
 
 Floats = NDArray[np.float64]
 
-#: Nothing is surer than this, whatever a regression says.
-_SUREST = 0.98
-#: What the terms are measured from: 0.2 rad is a chair at 3 m.
+#: Upper limit of a probability; 1 - it is the lower one.
+_MAX_CHANCE = 0.98
+#: Size and range at which their terms are zero. A chair at 3 m has a size of 0.2 rad.
 _SIZE_RAD, _RANGE_M = 0.2, 3.0
 
 
 class ClassTerms(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What a class adds to the terms of all.
+    """Terms that a class adds to those of all classes.
 
     Attributes:
-        even: to the log-odds. slope: to the slope of the score's log-odds. n: detections that it was fitted to.
+        intercept: added to the log-odds.
+        slope: added to the slope of the score's log-odds.
+        n: number of detections that the terms were fitted to.
     """
 
-    even: float
+    intercept: float
     slope: float
     n: int
 
 
 class ChanceTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Log-odds of being right.
+    """Coefficients of the regression for the log-odds of being right.
 
     Attributes:
         source: what it was fitted to, for people.
-        even, slope: of all classes, on the score's log-odds.
-        size, size_squared: per natural logarithm of the angular size over 0.2 rad.
-        range: per natural logarithm of the range over 3 m. camera: in a camera's view.
-        by_class: see ``ClassTerms``.
+        intercept, slope: for all classes; the slope is on the score's log-odds.
+        size, size_squared: on the natural logarithm of the angular size over 0.2 rad, and on its square.
+        range: on the natural logarithm of the range over 3 m.
+        camera: added in views of surveillance cameras.
+        by_class: by class, its own terms.
     """
 
     source: str
-    even: float
+    intercept: float
     slope: float
     size: float
     size_squared: float
@@ -61,27 +65,31 @@ class ChanceTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     by_class: dict[str, ClassTerms]
 
     def chance(self, label: str, score: float, size_rad: float, range_m: float, *, is_camera: bool) -> float:
-        """Of one detection, 0-1; rises with the score.
+        """The probability that a detection is right, 0-1. It never falls when the score rises.
 
         Args:
-            label: what it is called; score: by its detector.
-            size_rad: square root of its box's solid angle. range_m: of the middle of its points; 0: unknown.
-            is_camera: whether a camera took the view, not a robot.
+            label: the detection's class.
+            score: the detector's.
+            size_rad: square root of the solid angle of its box.
+            range_m: median range of its points; 0: unknown.
+            is_camera: whether a surveillance camera took the view, not a robot.
         """
         x = features(np.array([score]), np.array([size_rad]), np.array([range_m]), np.array([is_camera]))
-        return self.of_features(label, x[0])
+        return self.chance_from_features(label, x[0])
 
-    def of_features(self, label: str, x: Floats) -> float:
-        """The same of one row (5,) of ``features``."""
+    def chance_from_features(self, label: str, x: Floats) -> float:
+        """``chance`` for one row (5,) of ``features``."""
         own = self.by_class.get(label)
-        slope, even = (self.slope, self.even) if own is None else (self.slope + own.slope, self.even + own.even)
+        slope, intercept = self.slope, self.intercept
+        if own is not None:
+            slope, intercept = slope + own.slope, intercept + own.intercept
         others = np.array([self.size, self.size_squared, self.range, self.camera])
-        logit = even + max(0.0, slope) * float(x[0]) + float(x[1:] @ others)
-        return min(_SUREST, max(1.0 - _SUREST, 1.0 / (1.0 + math.exp(-logit))))
+        logit = intercept + max(0.0, slope) * float(x[0]) + float(x[1:] @ others)
+        return min(_MAX_CHANCE, max(1.0 - _MAX_CHANCE, 1.0 / (1.0 + math.exp(-logit))))
 
 
 def features(score: Floats, size_rad: Floats, range_m: Floats, is_camera: NDArray[np.bool_]) -> Floats:
-    """(N, 5) the columns of the regression beside the constant: log-odds of the score, size, its square, range, camera."""
+    """(N, 5) columns of the regression: log-odds of the score, log size, its square, log range, camera."""
     s = np.clip(np.asarray(score, np.float64), 0.01, 0.99)
     size = np.log(np.clip(size_rad, 0.01, 2.0) / _SIZE_RAD)
     far = np.log(np.clip(np.where(np.asarray(range_m) > 0, range_m, _RANGE_M), 0.3, 20.0) / _RANGE_M)
@@ -91,13 +99,13 @@ def features(score: Floats, size_rad: Floats, range_m: Floats, is_camera: NDArra
 def with_chances(
     seen: ViewPerception, depth_m: NDArray[np.float32], camera: Pinhole, table: ChanceTable, *, is_camera: bool
 ) -> ViewPerception:
-    """What was seen in a view, with the chance of each detection. ``depth_m``: (height, width) of the view."""
+    """The detections of a view with their calibrated probabilities. ``depth_m``: (height, width) of the view."""
     return replace(seen, detections=tuple(_with_chance(d, depth_m, camera, table, is_camera) for d in seen.detections))
 
 
 def _with_chance(
-    d: Detected, depth_m: NDArray[np.float32], camera: Pinhole, table: ChanceTable, is_camera: bool
-) -> Detected:
+    d: DetectedObject, depth_m: NDArray[np.float32], camera: Pinhole, table: ChanceTable, is_camera: bool
+) -> DetectedObject:
     x0, y0, x1, y1 = box_cells(d.box_px, camera.width_px, camera.height_px)
     under = depth_m[y0:y1, x0:x1]
     under = under[d.mask] if d.mask is not None else under.ravel()
@@ -108,12 +116,12 @@ def _with_chance(
 
 
 def size_rad(box_px: tuple[float, float, float, float], fx_px: float) -> float:
-    """How large a box shows: the square root of its solid angle, as of small boxes in the middle."""
+    """Angular size of a box: the square root of its solid angle, approximated as for a small box in the picture's centre."""
     return math.sqrt(max(0.0, (box_px[2] - box_px[0]) * (box_px[3] - box_px[1]))) / fx_px
 
 
 @cache
-def table_of(backend: str) -> ChanceTable | None:
-    """The table of a backend, from ``data/chances/<backend>.json``; None: it has none, and its scores are its chances."""
+def chance_table(backend: str) -> ChanceTable | None:
+    """The table of a backend, from ``data/chances/<backend>.json``; None if it isn't calibrated."""
     path: Path = DATA / "chances" / f"{backend}.json"
     return msgspec.json.decode(path.read_bytes(), type=ChanceTable) if path.exists() else None

@@ -1,4 +1,4 @@
-"""Which backend runs, and why: in words for the console and the report."""
+"""Chooses the backend that runs, and says why, for console and report."""
 
 from __future__ import annotations
 
@@ -9,42 +9,42 @@ from surveilnav.errors import PerceptionError
 from surveilnav.perception import models
 from surveilnav.perception.backend import Backend
 from surveilnav.perception.names import BackendName
-from surveilnav.perception.presets import PRESETS, Networks
+from surveilnav.perception.presets import PRESETS, NetworkSettings
 
-#: What "auto" takes, the first that runs.
+#: What "auto" tries in real buildings, in this order.
 BEST: tuple[BackendName, ...] = (BackendName.ONNX_COCO, BackendName.COMPACT)
-#: The same in simulated buildings: ``compact`` learnt from their like, knows more classes and needs no download
-#: (``docs/understand/compact.md`` has what both find).
+#: The same in simulated buildings: ``compact`` was trained on such, knows more classes and needs no download
+#: (``docs/understand/compact.md`` compares the two).
 BEST_IN_SIMULATION: tuple[BackendName, ...] = (BackendName.COMPACT, BackendName.ONNX_COCO)
 
 _BEST = "the best that runs here"
 _LIKE_THESE = "chosen for a simulated building: it learnt from such"
 
-#: Makes a backend that is told why it runs.
-Maker = Callable[[str], Backend]
-_NONE: Mapping[str, Maker] = MappingProxyType({})
+#: Makes a backend, given the reason why it was chosen.
+BackendFactory = Callable[[str], Backend]
+_NONE: Mapping[str, BackendFactory] = MappingProxyType({})
 
 
 def choose_backend(
     name: str = "auto",
-    networks: Networks | None = None,
+    networks: NetworkSettings | None = None,
     *,
     simulated: bool = False,
-    others: Mapping[str, Maker] = _NONE,
-    stand_in: str = "",
+    others: Mapping[str, BackendFactory] = _NONE,
+    fallback: str = "",
 ) -> Backend:
-    """The backend of that name; "auto" takes the best that can run without being asked for.
+    """Makes the backend of that name; for "auto", the best one that can run here.
 
     Args:
-        networks: what settings say of the models.
-        simulated: whether the building is; it decides what is best.
-        others: backends that this library doesn't have, by name: those of a simulator.
-        stand_in: which of them "auto" takes where no real detector can run; empty: none.
+        networks: settings of the models.
+        simulated: whether the building is simulated, which decides what is best.
+        others: by name, the backends of a simulator, which this library doesn't know.
+        fallback: the one of them that "auto" takes if no real detector can run; empty: none.
 
     Raises:
-        PerceptionError: it can't run; the message says what is missing.
+        PerceptionError: the backend can't run; the message says what is missing.
     """
-    networks = networks or Networks()
+    networks = networks or NetworkSettings()
     if name in others:
         return others[name]("asked for by name")
     if name in PRESETS:
@@ -53,12 +53,14 @@ def choose_backend(
         raise PerceptionError(
             f"expected a perception backend out of {', '.join((BackendName.AUTO, *PRESETS, *others))}, got {name!r}"
         )
-    names, of = (BEST_IN_SIMULATION, _LIKE_THESE) if simulated else (BEST, _BEST)
-    return _best(networks, names, of, others[stand_in] if stand_in else None)
+    names, why = (BEST_IN_SIMULATION, _LIKE_THESE) if simulated else (BEST, _BEST)
+    return _first_that_runs(networks, names, why, others[fallback] if fallback else None)
 
 
-def _best(networks: Networks, names: Sequence[BackendName], why_first: str, stand_in: Maker | None) -> Backend:
-    """The first that runs, else the stand-in. PerceptionError: neither."""
+def _first_that_runs(
+    networks: NetworkSettings, names: Sequence[BackendName], why_first: str, fallback: BackendFactory | None
+) -> Backend:
+    """The first backend that runs, else the fallback. Raises PerceptionError if there is none."""
     faults: list[str] = []
     for name in names:
         if name == BackendName.COMPACT and not _has_compact():
@@ -67,11 +69,11 @@ def _best(networks: Networks, names: Sequence[BackendName], why_first: str, stan
             return PRESETS[name](networks, "; ".join([_BEST if faults else why_first, *faults]))
         except PerceptionError as error:
             faults.append(f"{name} can't run: {error}")
-    if stand_in is None:
+    if fallback is None:
         raise PerceptionError("; ".join(faults))
-    return stand_in(f"no real detector: {'; '.join(faults)}")
+    return fallback(f"no real detector: {'; '.join(faults)}")
 
 
 def _has_compact() -> bool:
-    """Whether weights lie where ``compact`` has them; without, nobody expects it."""
+    """Whether the weights of ``compact`` are installed. If not, "auto" doesn't mention it."""
     return models.is_here(BackendName.COMPACT)

@@ -1,4 +1,4 @@
-"""What backends are called. It imports none of them: who only names one loads no network."""
+"""Names of the backends. This module imports none of them, so that naming one loads no network."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from enum import StrEnum
 
 
 class BackendName(StrEnum):
-    """Every name that settings and options take; ``AUTO`` stands for the best that runs."""
+    """Names that settings and options accept; ``AUTO`` stands for the best backend that runs."""
 
     AUTO = "auto"
     COMPACT = "compact"
@@ -18,5 +18,5 @@ class BackendName(StrEnum):
 
     @property
     def too_large_for_camera(self) -> bool:
-        """Whether its networks run in the perception service alone."""
+        """Whether its networks run only in the perception service, never in a camera node."""
         return self in (BackendName.PAPER, BackendName.YOLO_WORLD)

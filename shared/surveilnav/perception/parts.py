@@ -1,5 +1,7 @@
-"""Detector, segmenter and embedder by their models' names. Each family has a file, which is loaded when it is asked for:
-what needs PyTorch runs only where somebody wants it."""
+"""Loads detectors, segmenters and embedders by the names of their models.
+
+Each family of models has a module, which is imported only when one of its models is loaded: most need PyTorch.
+"""
 
 from __future__ import annotations
 
@@ -58,7 +60,7 @@ def _clip() -> Any:
     return Clip
 
 
-#: By family, what gives the class that reads it.
+#: By family, the function that imports its class.
 _Table = Mapping[str, Callable[[], Any]]
 _DETECTORS: _Table = {
     "grounding-dino": _grounding_dino,
@@ -70,67 +72,67 @@ _DETECTORS: _Table = {
 _SEGMENTERS: _Table = {"mobile-sam": _mobile_sam, "sam2": _sam2}
 _EMBEDDERS: _Table = {"clip": _clip, "siglip": _clip}
 
-#: What a config.json says, where it isn't the family's name.
+#: Families whose model type in config.json is another word.
 _FAMILY_OF_TYPE = MappingProxyType({"sam2_video": "sam2", "siglip2": "siglip"})
 
 
 @dataclass(frozen=True, slots=True)
 class _Model:
-    """Where a model lies, who reads it, and its id."""
+    """The path of a model's files, its family and its id."""
 
     path: Path
     family: str
     id: str
 
 
-def detector(
+def load_detector(
     name: str, runtime: Runtime, *, words_per_pass: int = 0, threshold: float | None = None, download: bool = True
 ) -> Detector:
-    """The detector with an open vocabulary that runs this model.
+    """Loads an open-vocabulary detector.
 
     Args:
-        name: of a model, or a folder.
+        name: name of a model, or a folder.
         runtime: where and how it runs.
-        words_per_pass: of Grounding DINO's texts; 0: as many as fit.
-        threshold: the score that a box needs; None: what its paper says.
-        download: whether the model may be fetched.
+        words_per_pass: number of words in a text of Grounding DINO; 0: as many as fit.
+        threshold: the score that a box needs; None: the one of its paper.
+        download: whether the model may be downloaded.
 
     Raises:
-        PerceptionError: it can't be had, isn't whole, or is no detector.
+        PerceptionError: the model can't be found, is incomplete, or is no detector.
     """
-    model = _found(name, download)
-    more: dict[str, Any] = {} if threshold is None else {"threshold": threshold}
+    model = _find_model(name, download)
+    options: dict[str, Any] = {} if threshold is None else {"threshold": threshold}
     if model.family.endswith("grounding-dino"):
-        more["words_per_pass"] = words_per_pass
-    made: Detector = _kind(model, name, _DETECTORS, "a detector")(model.path, model.id, runtime, **more)
-    return made
+        options["words_per_pass"] = words_per_pass
+    loaded: Detector = _import_class(model, name, _DETECTORS, "a detector")(model.path, model.id, runtime, **options)
+    return loaded
 
 
-def segmenter(name: str, runtime: Runtime, *, download: bool = True) -> Segmenter:
-    """The segmenter that runs this model; "depth-in-box" needs none. PerceptionError: see ``detector``."""
+def load_segmenter(name: str, runtime: Runtime, *, download: bool = True) -> Segmenter:
+    """Loads a segmenter; "depth-in-box" is one without a model. Raises PerceptionError like ``load_detector``."""
     if name == DepthInBox.model:
         return DepthInBox()
-    model = _found(name, download)
-    made: Segmenter = _kind(model, name, _SEGMENTERS, "a segmenter")(model.path, model.id, runtime)
-    return made
+    model = _find_model(name, download)
+    loaded: Segmenter = _import_class(model, name, _SEGMENTERS, "a segmenter")(model.path, model.id, runtime)
+    return loaded
 
 
-def embedder(name: str, runtime: Runtime, *, download: bool = True) -> Embedder:
-    """The embedder that runs this model. PerceptionError: see ``detector``."""
-    model = _found(name, download)
-    made: Embedder = _kind(model, name, _EMBEDDERS, "an embedder")(model.path, model.id, runtime)
-    return made
+def load_embedder(name: str, runtime: Runtime, *, download: bool = True) -> Embedder:
+    """Loads an embedder. Raises PerceptionError like ``load_detector``."""
+    model = _find_model(name, download)
+    loaded: Embedder = _import_class(model, name, _EMBEDDERS, "an embedder")(model.path, model.id, runtime)
+    return loaded
 
 
-def on_gpu(runtime: Runtime) -> bool:
-    """Whether networks under PyTorch run on a GPU. PerceptionError: the device isn't there."""
-    from surveilnav.perception.torch_model import device_named
+def runs_on_gpu(runtime: Runtime) -> bool:
+    """Whether PyTorch's networks run on a GPU. Raises PerceptionError if the device doesn't exist."""
+    from surveilnav.perception.torch_model import find_device
 
-    return bool(device_named(runtime.device).type == "cuda")
+    return bool(find_device(runtime.device).type == "cuda")
 
 
-def _kind(model: _Model, name: str, table: _Table, what: str) -> Any:
-    """The class that reads a model."""
+def _import_class(model: _Model, name: str, table: _Table, what: str) -> Any:
+    """The class that runs a model. ``what``: the kind of model that was expected, for the error message."""
     if model.family not in table:
         raise PerceptionError(f"expected {what} of {', '.join(table)}, and {name} is {model.family!r}")
     try:
@@ -142,8 +144,8 @@ def _kind(model: _Model, name: str, table: _Table, what: str) -> Any:
         ) from error
 
 
-def _found(name: str, download: bool) -> _Model:
-    """The model of that name, checked."""
+def _find_model(name: str, download: bool) -> _Model:
+    """Finds a model's files, and checks them."""
     path = models.find(name, download=download)
-    said = models.family(name)
-    return _Model(path, _FAMILY_OF_TYPE.get(said, said), models.model_id(name, path))
+    family = models.family(name)
+    return _Model(path, _FAMILY_OF_TYPE.get(family, family), models.model_id(name, path))

@@ -1,4 +1,4 @@
-"""A backend made of three parts: detect, segment, embed, each in batches."""
+"""A backend made of three models: a detector, a segmenter and an embedder, each of which takes batches."""
 
 from __future__ import annotations
 
@@ -8,21 +8,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surveilnav.messages import ModelIds
-from surveilnav.perception.backend import Backend, Stage, Work
+from surveilnav.perception.backend import Backend, Stage, ViewTask
 from surveilnav.perception.boxes import Boxes
 from surveilnav.perception.chances import ChanceTable
 from surveilnav.perception.protocols import ChecksWords, Detector, Embedder, RgbdView, Segmenter
-from surveilnav.perception.sizes import WRONG_SIZE, extent_m, plausible
-from surveilnav.sensing.views import Detected, ViewPerception
+from surveilnav.perception.sizes import WRONG_SIZE_FACTOR, extent_m, is_plausible
+from surveilnav.sensing.views import DetectedObject, ViewPerception
 
 _EDGE_PX = 3.0  # a box that ends so near to the picture's edge is cut by it
 
 
-class Pipeline(Backend):
-    """Three parts, one after the other.
+class PipelineBackend(Backend):
+    """Runs a detector, a segmenter and an embedder one after the other.
 
-    A thing whose size isn't that of its class gets a smaller score, where ``extents_m`` knows the class. Boxes below
-    ``min_score`` are not reported; they still reach the embedder, for whose view they may count.
+    Args:
+        name, why, best_batch, chances: see ``Backend``.
+        min_score: objects with a lower score aren't reported. The embedder gets their boxes all the same, because they may
+            count for the view's embedding.
+        extents_m: by class, the smallest and largest extent of its objects. An object that depth shows to be of another size
+            gets a lower score.
     """
 
     def __init__(
@@ -49,60 +53,60 @@ class Pipeline(Backend):
             Stage("detect", self._detect),
             Stage("segment", self._segment),
             Stage("embed", self._embed),
-            *([Stage("judge", self.judge)] if chances else []),
+            *([Stage("calibrate", self.assign_chances)] if chances else []),
         )
 
-    def refuses(self, word: str) -> str:
-        """See ``Backend.refuses``; a detector may have reasons of its own (``ChecksWords``)."""
-        own = self.detector.refuses(word) if isinstance(self.detector, ChecksWords) else ""
-        return super().refuses(word) or own
+    def refusal(self, word: str) -> str:
+        """See ``Backend.refusal``. The detector may have reasons of its own (``ChecksWords``)."""
+        own = self.detector.refusal(word) if isinstance(self.detector, ChecksWords) else ""
+        return super().refusal(word) or own
 
     def embed_texts(self, texts: Sequence[str]) -> NDArray[np.float32]:
         return self.embedder.embed_texts(texts)
 
-    def _detect(self, batch: Sequence[Work]) -> None:
+    def _detect(self, batch: Sequence[ViewTask]) -> None:
         found = self.detector.detect([w.view.rgb for w in batch], [w.prompts for w in batch])
-        for work, boxes in zip(batch, found, strict=True):
-            work.boxes = boxes
-            work.looked_for = tuple(work.prompts if self.vocabulary is None else self.vocabulary)
+        for task, boxes in zip(batch, found, strict=True):
+            task.boxes = boxes
+            task.searched_words = tuple(task.prompts if self.vocabulary is None else self.vocabulary)
 
-    def _segment(self, batch: Sequence[Work]) -> None:
-        likely = [np.flatnonzero(w.boxes.best >= self._min_score) for w in batch]
+    def _segment(self, batch: Sequence[ViewTask]) -> None:
+        likely = [np.flatnonzero(w.boxes.best_scores >= self._min_score) for w in batch]
         xyxy = [w.boxes.xyxy[rows] for w, rows in zip(batch, likely, strict=True)]
-        every = self.segmenter.segment([w.view for w in batch], xyxy)
-        for work, rows, masks in zip(batch, likely, every, strict=True):
-            work.boxes = self._sized(work.view, work.boxes, rows, masks)
-            kept = np.flatnonzero(work.boxes.best[rows] >= self._min_score)
-            work.rows, work.masks = rows[kept], [masks[i] for i in kept]
+        masks_by_view = self.segmenter.segment([w.view for w in batch], xyxy)
+        for task, rows, masks in zip(batch, likely, masks_by_view, strict=True):
+            task.boxes = self._reduce_wrong_sizes(task.view, task.boxes, rows, masks)
+            kept = np.flatnonzero(task.boxes.best_scores[rows] >= self._min_score)
+            task.rows, task.masks = rows[kept], [masks[i] for i in kept]
 
-    def _embed(self, batch: Sequence[Work]) -> None:
+    def _embed(self, batch: Sequence[ViewTask]) -> None:
         images, boxes = [w.view.rgb for w in batch], [w.boxes for w in batch]
-        every = self.embedder.embed_views(images, boxes, [w.rows for w in batch])
-        for work, embedding in zip(batch, every, strict=True):
-            labels, best = work.boxes.labels, work.boxes.best
+        embeddings = self.embedder.embed_views(images, boxes, [w.rows for w in batch])
+        for task, embedding in zip(batch, embeddings, strict=True):
+            labels, best = task.boxes.labels, task.boxes.best_scores
             detections = [
-                Detected(labels[row], min(1.0, float(best[row])), _box(work.boxes.xyxy[row]), mask, vector)
-                for row, mask, vector in zip(work.rows.tolist(), work.masks, embedding.objects, strict=True)
+                DetectedObject(labels[row], min(1.0, float(best[row])), _box(task.boxes.xyxy[row]), mask, vector)
+                for row, mask, vector in zip(task.rows.tolist(), task.masks, embedding.objects, strict=True)
             ]
             detections.sort(key=lambda d: -d.score)
-            work.seen = ViewPerception(
-                self.name, tuple(detections), embedding.image, self.embedder.model, work.looked_for
+            task.result = ViewPerception(
+                self.name, tuple(detections), embedding.image, self.embedder.model, task.searched_words
             )
 
-    def _sized(
+    def _reduce_wrong_sizes(
         self, view: RgbdView, boxes: Boxes, rows: NDArray[np.int64], masks: Sequence[NDArray[np.bool_] | None]
     ) -> Boxes:
-        """The boxes with smaller scores where depth says that a thing can't be what its best score says."""
+        """The boxes with reduced scores where an object's size doesn't fit the class with its highest score."""
         wrong = [
             row
             for row, mask in zip(rows.tolist(), masks, strict=True)
-            if mask is not None and not self._fits(view, boxes.labels[row], _box(boxes.xyxy[row]), mask)
+            if mask is not None and not self._size_fits(view, boxes.labels[row], _box(boxes.xyxy[row]), mask)
         ]
         scores = boxes.scores.copy()
-        scores[wrong] *= WRONG_SIZE
-        return boxes.scored(scores)
+        scores[wrong] *= WRONG_SIZE_FACTOR
+        return boxes.with_scores(scores)
 
-    def _fits(
+    def _size_fits(
         self, view: RgbdView, label: str, box: tuple[float, float, float, float], mask: NDArray[np.bool_]
     ) -> bool:
         if label not in self._extents_m:
@@ -111,7 +115,7 @@ class Pipeline(Backend):
         right, bottom = view.camera.width_px - _EDGE_PX, view.camera.height_px - _EDGE_PX
         cut = x0 < _EDGE_PX or y0 < _EDGE_PX or x1 > right or y1 > bottom
         size_m = extent_m(view.depth_m, view.camera, box, mask)
-        return size_m is None or plausible(self._extents_m, label, size_m, cut)
+        return size_m is None or is_plausible(self._extents_m, label, size_m, cut)
 
 
 def _box(xyxy: NDArray[np.float32]) -> tuple[float, float, float, float]:

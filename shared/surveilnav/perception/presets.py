@@ -1,4 +1,4 @@
-"""Backends by name: which detector, segmenter and embedder each is made of."""
+"""The backends by name, and the models that each is made of."""
 
 from __future__ import annotations
 
@@ -9,46 +9,45 @@ from types import MappingProxyType
 from surveilnav.errors import PerceptionError
 from surveilnav.perception import models, parts
 from surveilnav.perception.backend import Backend
-from surveilnav.perception.chances import table_of
+from surveilnav.perception.chances import chance_table
 from surveilnav.perception.detectors import coco
 from surveilnav.perception.detectors.compact import CompactNetwork
-from surveilnav.perception.detectors.onnx_file import session
+from surveilnav.perception.detectors.onnx_file import open_session
 from surveilnav.perception.embedders.class_space import ClassSpace
 from surveilnav.perception.names import BackendName
-from surveilnav.perception.one_network import OneNetwork
-from surveilnav.perception.pipeline import Pipeline
+from surveilnav.perception.pipeline import PipelineBackend
 from surveilnav.perception.runtime import Runtime
 from surveilnav.perception.segmenters.depth_in_box import DepthInBox
+from surveilnav.perception.single_network import SingleNetworkBackend
 from surveilnav.perception.sizes import extents_of
 from surveilnav.perception.vocabulary import COCO
 
-#: The pairs that did best for their time on rendered homes: for robots' views, and for cameras' (the first in tiles).
+#: The pairs of networks with the best results for their time on rendered homes: for robots' views, and for cameras'.
 DEFAULT_DETECTORS: tuple[str, ...] = ("yolox-nano", "picodet-s")
 DEFAULT_LARGE_DETECTORS: tuple[str, ...] = ("yolox-nano", "deimv2-femto")
 
-#: The paper's three: Grounding DINO, MobileSAM, CLIP.
+#: The paper's models: detector, segmenter and embedder.
 PAPER: tuple[str, str, str] = ("grounding-dino-tiny", "mobile-sam", "clip-vit-b32")
 
-#: Weaker things of COCO's networks are kept out of the answer (they still tint the view's embedding).
+#: Objects with a lower score aren't reported. With COCO's networks they still count for the view's embedding.
 _COCO_MIN_SCORE = 0.25
 _YOLO_WORLD_MIN_SCORE = 0.25
-#: Views that a GPU looks at together; a processor is no faster with several.
+#: Batch size on a GPU. A CPU is no faster with batches.
 _GPU_BATCH = 8
 
 
 @dataclass(frozen=True, slots=True)
-class Networks:
-    """What settings say of the models.
+class NetworkSettings:
+    """Settings of a backend's models.
 
     Attributes:
-        detectors: the networks of ``onnx-coco`` for views of up to 900 pixels.
-        large_detectors: the same for larger ones.
-        detector, segmenter, embedder: models or folders of ``paper`` and ``yolo-world``; empty: the preset's own.
-        words_per_pass: how many words Grounding DINO looks for at once; 0: as many as fit into its text.
-        threshold: the score that a box of ``detector`` needs; None: what its paper says.
-        device, compiled: see ``Runtime``; of networks under PyTorch.
-        threads: of each network.
-        download: whether weights may be fetched.
+        detectors: names of the networks of ``onnx-coco`` for pictures of up to 900 pixels.
+        large_detectors: the same for larger pictures.
+        detector, segmenter, embedder: models or folders for ``paper`` and ``yolo-world``; empty: the preset's own.
+        words_per_pass: number of words that Grounding DINO looks for at once; 0: as many as fit into its text.
+        threshold: the score that a box of ``detector`` needs; None: the one of its paper.
+        device, threads, compiled: see ``Runtime``.
+        download: whether missing weights may be downloaded.
     """
 
     detectors: Sequence[str] = DEFAULT_DETECTORS
@@ -64,11 +63,11 @@ class Networks:
     download: bool = True
 
 
-def onnx_coco(networks: Networks, why: str) -> Backend:
-    """COCO detectors that have to agree, masks from depth, the space of COCO's classes.
+def onnx_coco(networks: NetworkSettings, why: str) -> Backend:
+    """``onnx-coco``: several COCO detectors combined, masks from depth, embeddings in the space of COCO's classes.
 
     Raises:
-        PerceptionError: a network can't be had.
+        PerceptionError: a network can't be found or loaded.
     """
     small, large = tuple(networks.detectors), tuple(networks.large_detectors)
     if not small or not large:
@@ -77,80 +76,84 @@ def onnx_coco(networks: Networks, why: str) -> Backend:
     runtime = Runtime(networks.device, networks.threads)
     loaded = {n: coco.load(path, models.family(n), runtime) for n, path in files.items()}
     ids = "+".join(models.model_id(n, path) for n, path in files.items())
-    said = " + ".join(small) if small == large else f"{' + '.join(small)}; for cameras {' + '.join(large)}"
+    description = " + ".join(small) if small == large else f"{' + '.join(small)}; for cameras {' + '.join(large)}"
     kind = "a real detector" if len(loaded) == 1 else "real detectors that have to agree"
     detector = coco.CocoDetector([loaded[n] for n in small], [loaded[n] for n in large], model=ids)
-    return Pipeline(
+    return PipelineBackend(
         "onnx-coco",
-        f"{kind} ({said}), {why}",
+        f"{kind} ({description}), {why}",
         detector,
         DepthInBox(),
         ClassSpace(),
         min_score=_COCO_MIN_SCORE,
         extents_m=extents_of(COCO),
-        chances=table_of("onnx-coco"),
+        chances=chance_table("onnx-coco"),
     )
 
 
-def compact(networks: Networks, why: str) -> Backend:
-    """Our own network, which comes with this package: it finds, cuts out and embeds.
+def compact(networks: NetworkSettings, why: str) -> Backend:
+    """``compact``: the network that comes with this package, which detects, segments and embeds.
 
     Raises:
-        PerceptionError: its weights don't come with this version, or aren't what they should be.
+        PerceptionError: its weights aren't part of this installation, or are damaged.
     """
     path = models.find("compact", download=False)
-    network = CompactNetwork(session(path, Runtime(networks.device, networks.threads)))
-    said = f"our own network of {len(network.classes)} classes, trained on rendered homes"
-    return OneNetwork("compact", f"{said}, {why}", network, models.model_id("compact", path), table_of("compact"))
+    network = CompactNetwork(open_session(path, Runtime(networks.device, networks.threads)))
+    description = f"our own network of {len(network.classes)} classes, trained on rendered homes"
+    return SingleNetworkBackend(
+        "compact", f"{description}, {why}", network, models.model_id("compact", path), chance_table("compact")
+    )
 
 
-def paper(networks: Networks, why: str) -> Backend:
-    """The paper's eyes, which find any word: Grounding DINO, MobileSAM, CLIP, or what settings name instead.
+def paper(networks: NetworkSettings, why: str) -> Backend:
+    """``paper``: open vocabulary, with Grounding DINO, MobileSAM and CLIP, or the models that the settings name instead.
 
     Raises:
-        PerceptionError: a model can't be had, or PyTorch isn't installed.
+        PerceptionError: a model can't be found or loaded, or PyTorch isn't installed.
     """
     given = (networks.detector, networks.segmenter, networks.embedder)
     names = [name or default for name, default in zip(given, PAPER, strict=True)]
     runtime = Runtime(networks.device, networks.threads, networks.compiled)
-    detector = parts.detector(
+    detector = parts.load_detector(
         names[0],
         runtime,
         words_per_pass=networks.words_per_pass,
         threshold=networks.threshold,
         download=networks.download,
     )
-    segmenter = parts.segmenter(names[1], runtime, download=networks.download)
-    embedder = parts.embedder(names[2], runtime, download=networks.download)
-    # The detector keeps what is weak to itself.
-    return Pipeline(
+    segmenter = parts.load_segmenter(names[1], runtime, download=networks.download)
+    embedder = parts.load_embedder(names[2], runtime, download=networks.download)
+    # min_score is 0: the detector itself applies the threshold.
+    return PipelineBackend(
         "paper",
         f"any word ({' + '.join(names)}), {why}",
         detector,
         segmenter,
         embedder,
         min_score=0.0,
-        best_batch=_GPU_BATCH if parts.on_gpu(runtime) else 1,
+        best_batch=_GPU_BATCH if parts.runs_on_gpu(runtime) else 1,
     )
 
 
-def yolo_world(networks: Networks, why: str) -> Backend:
-    """YOLO-World from a user's file, with the words that it was exported with; masks from depth, CLIP.
+def yolo_world(networks: NetworkSettings, why: str) -> Backend:
+    """``yolo-world``: YOLO-World from a user's file, with the words that it was exported with; masks from depth, CLIP.
 
     Raises:
-        PerceptionError: the file or CLIP can't be had.
+        PerceptionError: the file or CLIP can't be found or loaded.
     """
     name, runtime = networks.detector or "yolo-world", Runtime(networks.device, networks.threads, networks.compiled)
     threshold = _YOLO_WORLD_MIN_SCORE if networks.threshold is None else networks.threshold
-    detector = parts.detector(name, runtime, threshold=threshold, download=False)
-    segmenter = parts.segmenter(networks.segmenter or DepthInBox.model, runtime, download=networks.download)
-    embedder = parts.embedder(networks.embedder or PAPER[2], runtime, download=networks.download)
-    said = f"{len(detector.vocabulary or ())} words of its own"
-    return Pipeline("yolo-world", f"{detector.model} ({said}), {why}", detector, segmenter, embedder, min_score=0.0)
+    detector = parts.load_detector(name, runtime, threshold=threshold, download=False)
+    segmenter = parts.load_segmenter(networks.segmenter or DepthInBox.model, runtime, download=networks.download)
+    embedder = parts.load_embedder(networks.embedder or PAPER[2], runtime, download=networks.download)
+    description = f"{len(detector.vocabulary or ())} words of its own"
+    return PipelineBackend(
+        "yolo-world", f"{detector.model} ({description}), {why}", detector, segmenter, embedder, min_score=0.0
+    )
 
 
-#: What makes a backend, told what settings say and why it runs.
-PRESETS: Mapping[str, Callable[[Networks, str], Backend]] = MappingProxyType(
+#: By name, the function that makes a backend, given the settings and the reason why it was chosen.
+PRESETS: Mapping[str, Callable[[NetworkSettings, str], Backend]] = MappingProxyType(
     {
         BackendName.COMPACT: compact,
         BackendName.ONNX_COCO: onnx_coco,

@@ -1,4 +1,4 @@
-"""What a vision-language model is asked."""
+"""The text prompt that views are compared with, and the word that a prompt names."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ _PROMPT = re.compile(
 
 
 def value_prompt(target: str) -> str:
-    """The text that a view's embedding is compared with for the value map (the paper's section on it, eq. 2)."""
+    """The text whose embedding is compared with a view's for the value map (eq. 2)."""
     return f"seems like there is a {target}"
 
 
-def named(text: str) -> str:
-    """The word that a prompt or a plain name names."""
+def word_in_prompt(text: str) -> str:
+    """The canonical word that a ``value_prompt`` or a plain name names."""
     match = _PROMPT.fullmatch(text)
     return canonical(match.group("name") if match else text)
 
 
-def word_refused(backend: Backend, text: str) -> str:
-    """Why a backend can't look for the target that a ``value_prompt`` names; empty: it can, or no target is named.
+def prompt_refusal(backend: Backend, text: str) -> str:
+    """Why a backend can't look for the target that a ``value_prompt`` names, as a sentence for people; empty if it can.
 
-    A plain text is compared with embeddings alone: no detector has to know it.
+    Also empty for any other text: that is only compared with embeddings, so no detector has to know it.
     """
-    return backend.refuses(named(text)) if _PROMPT.fullmatch(text) else ""
+    return backend.refusal(word_in_prompt(text)) if _PROMPT.fullmatch(text) else ""

@@ -1,7 +1,7 @@
-"""The three parts of perception: what finds things, what cuts them out, what turns them into vectors.
+"""The interfaces of the three models of a ``PipelineBackend``: detector, segmenter, embedder.
 
-Each takes a batch and answers in its order; what it says of one view doesn't depend on the others of its batch. Any
-of them may raise ``PerceptionError``: it can't answer. One instance serves one thread at a time.
+Each processes a batch and returns the results in its order; the views of a batch don't influence each other. Each may raise
+``PerceptionError``. None has to be thread-safe.
 """
 
 from __future__ import annotations
@@ -20,8 +20,13 @@ from surveilnav.perception.vocabulary import Vocabulary
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RgbdView:
-    """One registered picture: ``rgb`` (height, width, 3) uint8, ``depth_m`` (height, width) float32 [m], 0 where there is
-    none, ``camera`` the intrinsics of both."""
+    """One registered RGB-D picture.
+
+    Attributes:
+        rgb: (height, width, 3) uint8.
+        depth_m: (height, width) float32 [m], 0 where there is none.
+        camera: intrinsics of both.
+    """
 
     rgb: NDArray[np.uint8]
     depth_m: NDArray[np.float32]
@@ -30,18 +35,18 @@ class RgbdView:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ViewEmbedding:
-    """Unit vectors of one view: ``image`` (D,) of the whole picture, ``objects`` (N, D) of the boxes asked for; float32."""
+    """Unit vectors of one view, float32: ``image`` (D,) of the whole picture, ``objects`` (N, D) of the requested boxes."""
 
     image: NDArray[np.float32]
     objects: NDArray[np.float32]
 
 
 class Detector(Protocol):
-    """Pictures and words in, boxes with a score for each word out.
+    """Finds objects: boxes with a score for each word.
 
     Attributes:
-        model: its model's id ("yolox-nano@695e750a").
-        vocabulary: the words that it knows, whatever it is asked for; None: any word.
+        model: id of its model ("yolox-nano@695e750a").
+        vocabulary: the classes that it always looks for; None: it looks for the words that it is given.
     """
 
     @property
@@ -50,27 +55,27 @@ class Detector(Protocol):
     def vocabulary(self) -> Vocabulary | None: ...
 
     def detect(self, images: Sequence[NDArray[np.uint8]], words: Sequence[Sequence[str]]) -> list[Boxes]:
-        """Boxes of each picture (height, width, 3) uint8, one a thing, in its pixels, the best first.
+        """The boxes in each picture (height, width, 3) uint8, one per object, in its pixels, best first.
 
-        ``words``: what to look for in each picture; a detector with a vocabulary reports that instead.
+        ``words``: what to look for in each picture. Detectors with a vocabulary ignore them.
         """
         ...
 
 
 @runtime_checkable
 class ChecksWords(Protocol):
-    """A ``Detector`` that can't look for every word, though no vocabulary says so: its texts have a length.
+    """A ``Detector`` without a vocabulary that still can't look for some words, such as those that are too long for it.
 
-    It leaves such a word's column zero. A mission is told before it starts.
+    The scores of such a word are zero. A mission for it is refused before it starts.
     """
 
-    def refuses(self, word: str) -> str:
-        """Why it can't look for a word; empty: it can. Any thread may ask."""
+    def refusal(self, word: str) -> str:
+        """Why it can't look for a word, as a sentence for people; empty if it can. Thread-safe."""
         ...
 
 
 class Segmenter(Protocol):
-    """Pictures and boxes in, masks out. ``model``: its model's id."""
+    """Finds which pixels of a box are the object. ``model``: id of its model."""
 
     @property
     def model(self) -> str: ...
@@ -78,16 +83,18 @@ class Segmenter(Protocol):
     def segment(
         self, views: Sequence[RgbdView], boxes: Sequence[NDArray[np.float32]]
     ) -> list[list[NDArray[np.bool_] | None]]:
-        """Of each view and each of its boxes (N, 4) xyxy [pixels], the mask of the box's cells (``box_cells``), or None:
-        the whole box."""
+        """For each view, the masks of its boxes (N, 4) xyxy [pixels].
+
+        A mask (rows, columns) covers the box rounded to whole pixels (``box_cells``). None stands for the whole box.
+        """
         ...
 
 
 class Embedder(Protocol):
-    """Pictures, their boxes and texts in, unit vectors of one space out.
+    """Turns pictures, objects and texts into unit vectors of one space.
 
     Attributes:
-        model: the id of the space: vectors of two models can't be compared.
+        model: id of the space; vectors of two models can't be compared.
         dim: D of every vector.
     """
 
@@ -99,13 +106,13 @@ class Embedder(Protocol):
     def embed_views(
         self, images: Sequence[NDArray[np.uint8]], boxes: Sequence[Boxes], rows: Sequence[NDArray[np.int64]]
     ) -> list[ViewEmbedding]:
-        """Of each picture (height, width, 3) uint8 the vector of the whole, and those of the ``rows`` of its boxes."""
+        """For each picture (height, width, 3) uint8, its embedding and those of the given ``rows`` of its boxes."""
         ...
 
     def embed_texts(self, texts: Sequence[str]) -> NDArray[np.float32]:
-        """(N, D) float32 of texts.
+        """(N, D) float32 embeddings of texts.
 
         Raises:
-            TargetError: a text that this space has no place for.
+            TargetError: a text can't be embedded in this space.
         """
         ...

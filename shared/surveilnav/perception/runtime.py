@@ -1,4 +1,4 @@
-"""How networks run: device, threads, compilation."""
+"""On which device and with how many threads networks run."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ class Runtime:
 
     Attributes:
         device: "auto" (a GPU if there is one), "cpu", "cuda", "cuda:1".
-        threads: of a network on the CPU.
-        compiled: whether PyTorch compiles it; on a GPU alone. The first pictures of each size then take minutes.
+        threads: number of threads of a network on the CPU.
+        compiled: whether PyTorch compiles networks, on a GPU only. The first pictures of each size then take minutes.
     """
 
     device: str = "auto"

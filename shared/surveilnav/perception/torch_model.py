@@ -1,4 +1,4 @@
-"""Models of transformers: loaded from a folder, on a device, in halves of precision where a GPU has them."""
+"""Loads models of the library transformers from folders, and runs them on a device; on a GPU in float16."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from numpy.typing import NDArray
 from surveilnav.errors import PerceptionError
 from surveilnav.perception.runtime import Runtime
 
-transformers.utils.logging.disable_progress_bar()  # a service's log is no terminal
+transformers.utils.logging.disable_progress_bar()  # progress bars don't belong into a service's log
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TorchModel:
-    """A network in evaluation mode. ``net``: the transformers model; ``device``: where it runs."""
+    """A network in evaluation mode. ``net``: the model of transformers; ``device``: where it runs."""
 
     net: Any
     device: torch.device
 
     def running(self) -> AbstractContextManager:
-        """Inside it nothing is recorded for training; on a GPU matrices are multiplied in float16.
+        """The context in which to call ``net``: no gradients, and on a GPU matrix products in float16.
 
-        Not bfloat16: its 8 bits would move a box by pixels.
+        Not in bfloat16, whose 8 bits of precision would shift boxes by pixels.
         """
         stack = ExitStack()
         stack.enter_context(torch.inference_mode())
@@ -43,13 +43,13 @@ class TorchModel:
         return torch.from_numpy(np.ascontiguousarray(array)).to(self.device)
 
 
-def numbers(tensor: torch.Tensor) -> NDArray[np.float32]:
-    """As float32 on the CPU."""
+def to_numpy(tensor: torch.Tensor) -> NDArray[np.float32]:
+    """The tensor as a float32 array."""
     return np.asarray(tensor.float().cpu().numpy(), np.float32)
 
 
-def device_named(name: str) -> torch.device:
-    """The device of a setting; "auto": a GPU if there is one. PerceptionError: there is no such device."""
+def find_device(name: str) -> torch.device:
+    """The device that a setting names; "auto": a GPU if there is one. Raises PerceptionError if there is no such device."""
     if name == "auto":
         return torch.device("cuda" if torch.cuda.is_available() else "cpu")
     try:
@@ -61,34 +61,34 @@ def device_named(name: str) -> torch.device:
     return torch.device(name)
 
 
-def load(kind: Any, path: Path, model_types: Sequence[str], runtime: Runtime) -> TorchModel:
-    """The model in a folder, whole.
+def load_model(kind: Any, path: Path, model_types: Sequence[str], runtime: Runtime) -> TorchModel:
+    """Loads a model from a folder.
 
     Args:
         kind: its class in transformers.
         path: the folder, with config.json and weights.
-        model_types: what its config.json may say it is.
+        model_types: the model types that its config.json may state.
         runtime: where and how it runs.
 
     Raises:
-        PerceptionError: it isn't there, is another model, or lacks weights.
+        PerceptionError: the folder is missing, contains another model, or lacks weights.
     """
-    expect_type(path, model_types)
+    check_model_type(path, model_types)
     torch.set_num_threads(runtime.threads)
-    device = device_named(runtime.device)
+    device = find_device(runtime.device)
     try:
         net, info = kind.from_pretrained(path, local_files_only=True, output_loading_info=True)
-    except Exception as error:  # what transformers raises of a bad file has many classes
+    except Exception as error:  # transformers raises many kinds of errors for bad files
         raise PerceptionError(f"{path} can't be loaded as {kind.__name__}: {_first_line(error)}. {_AGAIN}") from error
-    lacking = [str(key) for key in (*info["missing_keys"], *info["mismatched_keys"])]
-    if lacking:
+    missing = [str(key) for key in (*info["missing_keys"], *info["mismatched_keys"])]
+    if missing:
         raise PerceptionError(
-            f"{path} lacks {len(lacking)} weights of {kind.__name__}, or has them in other shapes "
-            f"({', '.join(sorted(lacking)[:3])}, ...). {_AGAIN}"
+            f"{path} lacks {len(missing)} weights of {kind.__name__}, or has them in other shapes "
+            f"({', '.join(sorted(missing)[:3])}, ...). {_AGAIN}"
         )
     net = net.to(device).eval()
     if _compiles(runtime, device):
-        _compile_entries(net)
+        _compile_entry_points(net)
     return TorchModel(net, device)
 
 
@@ -96,67 +96,69 @@ def _compiles(runtime: Runtime, device: torch.device) -> bool:
     return runtime.compiled and device.type == "cuda"
 
 
-#: What detectors, segmenters and embedders call of a network; ``forward`` by calling the network itself.
-_ENTRIES = ("forward", "get_image_embeddings", "get_image_features", "get_text_features")
+#: The methods of networks that detectors, segmenters and embedders call.
+_ENTRY_POINTS = ("forward", "get_image_embeddings", "get_image_features", "get_text_features")
 
 
-def _compile_entries(net: Any) -> None:
-    """Has PyTorch compile each entry of a network when it is first called.
+def _compile_entry_points(net: Any) -> None:
+    """Has PyTorch compile each entry point of a network at its first call.
 
-    ``torch.compile(net)`` would compile ``forward`` alone: the other methods stay bound to the network as it was.
+    ``torch.compile(net)`` would compile ``forward`` only, since the other methods stay bound to the original network.
     """
-    for name in _ENTRIES:
+    for name in _ENTRY_POINTS:
         if hasattr(net, name):
             setattr(net, name, torch.compile(getattr(net, name)))
 
 
-def tokenizer(path: Path) -> Any:
-    """The tokenizer of a folder. PerceptionError: it isn't there; transformers would make one that knows no word."""
+def load_tokenizer(path: Path) -> Any:
+    """Loads the tokenizer of a folder. Raises PerceptionError if there is none; transformers would make an empty one."""
     if not any((path / name).is_file() for name in _VOCABULARIES):
         raise PerceptionError(f"{path} has no tokenizer: expected one of {', '.join(_VOCABULARIES)} in it. {_AGAIN}")
-    return _part(transformers.AutoTokenizer, path)
+    return _load_component(transformers.AutoTokenizer, path)
 
 
-def image_processor(path: Path) -> Any:
-    """The image processor of a folder, with Pillow: the same numbers whether torchvision is there or not.
+def load_image_processor(path: Path) -> Any:
+    """Loads the image processor of a folder. It uses Pillow, so that the results don't depend on torchvision.
 
     Raises:
-        PerceptionError: it isn't there.
+        PerceptionError: there is none.
     """
-    return _part(transformers.AutoImageProcessor, path, backend="pil")
+    return _load_component(transformers.AutoImageProcessor, path, backend="pil")
 
 
-def _part(kind: Any, path: Path, **options: Any) -> Any:
+def _load_component(kind: Any, path: Path, **options: Any) -> Any:
     try:
         return kind.from_pretrained(path, local_files_only=True, **options)
-    except Exception as error:  # as above
+    except Exception as error:  # as in load_model
         raise PerceptionError(
             f"{path} has no {kind.__name__[4:]} that can be read: {_first_line(error)}. {_AGAIN}"
         ) from error
 
 
-def tokens(reader: Any, texts: Sequence[str], *, most: int = 77, whole: bool = False) -> dict[str, torch.Tensor]:
-    """``input_ids`` and ``attention_mask`` (N, T) of texts, padded to the length that the model was trained with.
+def tokenize(
+    tokenizer: Any, texts: Sequence[str], *, max_tokens: int = 77, refuse_long: bool = False
+) -> dict[str, torch.Tensor]:
+    """``input_ids`` and ``attention_mask`` (N, T) of N texts, padded to the length that the model was trained with.
 
     Args:
-        reader: a tokenizer.
-        texts: N of them.
-        most: tokens of a text, where the tokenizer has no smaller limit of its own.
-        whole: a text that is too long is refused rather than cut.
+        tokenizer: the model's.
+        texts: N texts.
+        max_tokens: length of a text, unless the tokenizer has a lower limit.
+        refuse_long: raises an error for texts that are too long; otherwise they are cut.
 
     Raises:
-        PerceptionError: such a text.
+        PerceptionError: a text is too long.
     """
-    most = min(int(reader.model_max_length), most)
-    for text in texts if whole else ():
-        if (n := len(reader(text)["input_ids"])) > most:
-            raise PerceptionError(f"{text[:40]!r} has {n} tokens, and this model reads {most}: shorten it")
-    out = reader(list(texts), padding="max_length", truncation=True, max_length=most, return_tensors="pt")
+    max_tokens = min(int(tokenizer.model_max_length), max_tokens)
+    for text in texts if refuse_long else ():
+        if (n := len(tokenizer(text)["input_ids"])) > max_tokens:
+            raise PerceptionError(f"{text[:40]!r} has {n} tokens, and this model reads {max_tokens}: shorten it")
+    out = tokenizer(list(texts), padding="max_length", truncation=True, max_length=max_tokens, return_tensors="pt")
     return {"input_ids": out["input_ids"], "attention_mask": out["attention_mask"]}
 
 
-def expect_type(path: Path, model_types: Sequence[str]) -> str:
-    """What a folder's config.json says it holds, which must be one of ``model_types``. PerceptionError: it isn't."""
+def check_model_type(path: Path, model_types: Sequence[str]) -> str:
+    """The model type in a folder's config.json. Raises PerceptionError if it isn't one of ``model_types``."""
     file = path / "config.json"
     try:
         found = json.loads(file.read_bytes()).get("model_type")

@@ -1,16 +1,16 @@
-"""The vocabulary of a detector with a closed set of classes: its names, and what is known of them.
+"""The vocabulary of a detector with a closed set of classes: their names, and prior knowledge about them.
 
-A vocabulary is a folder of ``data``: ``names.json`` (in the order that its detectors number them), ``priors.json`` (what
-is known of classes by name, a section for each consumer) and ``rooms.json`` (where things stand). A consumer says what
-its section holds with a struct of its own::
+A vocabulary is a folder of ``data``: ``names.json`` (the classes in the order of its detectors' outputs), ``priors.json``
+(prior knowledge by class, in a section for each consumer) and ``rooms.json`` (in which rooms objects stand). A consumer
+declares the content of its section as a struct::
 
     class FusionPriors(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         recall: dict[str, float]
 
     PRIORS = COCO.priors("fusion", FusionPriors)
 
-Names are spelled as ``surveilnav.words.canonical`` spells them. A word that a vocabulary doesn't hold has no priors. People's
-words for a name, in any language of ``surveilnav.nouns``, are understood (``known``).
+Names have the canonical spelling of ``surveilnav.words``. People's words for a class are understood in all languages of
+``surveilnav.nouns`` (``find_name``, ``resolve_name``).
 """
 
 from __future__ import annotations
@@ -26,17 +26,17 @@ from typing import TypeVar, overload
 import msgspec
 
 from surveilnav.errors import ConfigError, TargetError
-from surveilnav.nouns import phrases_of, thing_asked_for, whole_of
+from surveilnav.nouns import phrases_by_thing, thing_asked_for, thing_or_whole
 from surveilnav.words import MAX_WORD_CHARS, canonical
 
 DATA = Path(__file__).parent / "data"
 
-#: Spelled as much alike, a name is near to a word; a part of it counts a little less than the whole.
+#: Similarity of spelling from which a class is suggested for a word, and the weight of the similarity of single words.
 _NEAR, _PART = 0.7, 0.95
-#: The same for people's other words: there are thousands.
+#: The same for synonyms, of which there are thousands.
 _NEAR_SYNONYM = 0.8
 
-#: The kinds of rooms of ``rooms.json``, in its order; what stands there usually has this weight.
+#: The kinds of rooms in the order of ``rooms.json``, and the weight of objects that usually stand there.
 ROOMS = ("kitchen", "living room", "bedroom", "bathroom")
 _USUALLY = 2
 
@@ -50,10 +50,11 @@ class Vocabulary(Sequence[str]):
     """The names of a closed set of classes, by number.
 
     Args:
-        name: what people call the set.
-        folder: where more is known of them; None: nowhere.
-        meanings: by another word, the name that it means ("chest": "chest of drawers").
-        akin: by a word that it doesn't hold, the names that come nearest in meaning ("kitchen": oven, sink, ...).
+        name: name of the set, for people.
+        names: the classes.
+        folder: folder with prior knowledge; None: there is none.
+        meanings: by other words, the class that each means ("chest": "chest of drawers").
+        akin: by words that mean no class, the classes nearest in meaning ("kitchen": oven, sink, ...).
     """
 
     def __init__(
@@ -87,29 +88,29 @@ class Vocabulary(Sequence[str]):
         return word in self._numbers
 
     def index(self, word: str, start: int = 0, stop: int | None = None) -> int:
-        """The number of a name. ValueError: it has none."""
+        """The number of a class. Raises ValueError if there is no such class."""
         if word not in self._numbers:
             raise ValueError(f"{word!r} is no name of {self.name}")
         return self._numbers[word]
 
-    def name_of(self, word: str) -> str:
-        """The name that a word of this program's own is or means; empty: none. It reads no languages (``known`` does)."""
+    def exact_name(self, word: str) -> str:
+        """The class that a word is, or means by ``meanings``; empty if none. Unlike ``find_name`` it knows no other languages."""
         word = canonical(word)
         return word if word in self else self._meanings.get(word, "")
 
-    def understood(self, name: str) -> str:
-        """The name that a person's word means, in any spelling or language ("Sofa", "canapé", "床"); empty: none."""
+    def find_name(self, name: str) -> str:
+        """The class that a person's word means, in any spelling or language ("Sofa", "canapé", "床"); empty if none."""
         word = canonical(name)
-        own = (self.name_of(said) for said in (word, thing_asked_for(name), thing_asked_for(word)))
-        return next(filter(None, own), "")
+        names = (self.exact_name(w) for w in (word, thing_asked_for(name), thing_asked_for(word)))
+        return next(filter(None, names), "")
 
-    def known(self, name: str) -> str:
-        """``understood``.
+    def resolve_name(self, name: str) -> str:
+        """``find_name``, or an error.
 
         Raises:
-            TargetError: it means none; the message says which names come nearest.
+            TargetError: the word means no class; the message suggests the nearest ones.
         """
-        if own := self.understood(name):
+        if own := self.find_name(name):
             return own
         near = self.nearest(name)
         hint = f"; nearest are {', '.join(near)}" if near else ""
@@ -118,35 +119,38 @@ class Vocabulary(Sequence[str]):
             "A backend with an open vocabulary finds any word."
         )
 
-    def nearest(self, word: str, most: int = 3) -> list[str]:
-        """The names that come nearest to a word, the nearest first: in meaning where that is known, else those that it, or
-        what it stands for, is spelled most like, as a whole, in a part, or in another word for them."""
-        word, asked = canonical(word)[:MAX_WORD_CHARS], thing_asked_for(word)
-        said = [asked] if asked else [word, whole_of(word) or word]
-        alike = {name: max(self._alike(one, name) for one in said) for name in self}
-        near = sorted((name for name in self if alike[name] > 0), key=lambda name: -alike[name])
-        return list(dict.fromkeys((*self._akin.get(word, ()), *near)))[:most]
+    def nearest(self, word: str, max_names: int = 3) -> list[str]:
+        """The classes nearest to a word, nearest first: by meaning if known (``akin``), then by spelling.
 
-    def _alike(self, word: str, name: str) -> float:
-        """How much a word is spelled like a name or another word for it, 0-1; 0: not enough."""
-        own = max([_alike(word, name), *(_PART * _alike(a, b) for a, b in _pairs(word, name))])
-        other = max((_alike(word, phrase, _NEAR_SYNONYM) for phrase in self._phrases[name]), default=0.0)
+        The spelling of the word, or of the thing that it means, is compared with a class's name, its single words, and its
+        synonyms.
+        """
+        word, thing = canonical(word)[:MAX_WORD_CHARS], thing_asked_for(word)
+        spellings = [thing] if thing else [word, thing_or_whole(word) or word]
+        similarity = {name: max(self._similarity(s, name) for s in spellings) for name in self}
+        near = sorted((name for name in self if similarity[name] > 0), key=lambda name: -similarity[name])
+        return list(dict.fromkeys((*self._akin.get(word, ()), *near)))[:max_names]
+
+    def _similarity(self, word: str, name: str) -> float:
+        """Similarity of a word's spelling to a class's name or synonyms, 0-1; 0 if it is below the thresholds."""
+        own = max([_similarity(word, name), *(_PART * _similarity(a, b) for a, b in _pairs(word, name))])
+        other = max((_similarity(word, phrase, _NEAR_SYNONYM) for phrase in self._phrases[name]), default=0.0)
         return max(own if own >= _NEAR else 0.0, other)
 
     @cached_property
     def _phrases(self) -> dict[str, tuple[str, ...]]:
-        """By name, what else people call it."""
-        phrases = phrases_of()
+        """By class, its synonyms in all languages."""
+        phrases = phrases_by_thing()
         others: dict[str, list[str]] = {name: [] for name in self}
         for word, name in self._meanings.items():
             others[name].append(word)
         return {name: tuple(_joined(phrases.get(thing, ()) for thing in (name, *others[name]))) for name in self}
 
     def priors(self, section: str, kind: type[Section]) -> Section:
-        """What ``priors.json`` says to one consumer, as its own ``kind`` of struct.
+        """A section of ``priors.json``, as a struct of type ``kind``.
 
         Raises:
-            ConfigError: the file has no such section, or what it says isn't of that kind.
+            ConfigError: there is no such section, or it doesn't fit the struct.
         """
         if self._folder is None:
             raise ConfigError(f"nothing is known of the classes of {self.name}")
@@ -160,7 +164,7 @@ class Vocabulary(Sequence[str]):
             raise ConfigError(f"section {section!r} of {file.name} isn't what {kind.__name__} says: {error}") from error
 
     def rooms(self) -> dict[str, list[int]]:
-        """By name, how readily it stands in a room of each kind of ``ROOMS``: 0 never, 1 sometimes, 2 usually."""
+        """By class, whether it stands in each of the ``ROOMS``: 0 never, 1 sometimes, 2 usually."""
         return {} if self._folder is None else _weights(self._folder)
 
 
@@ -169,13 +173,13 @@ def _weights(folder: Path) -> dict[str, list[int]]:
     return {str(name): [int(w) for w in row] for name, row in weights.items()}
 
 
-def _alike(a: str, b: str, least: float = 0.0) -> float:
-    """0-1; 0 where it is less than ``least``."""
+def _similarity(a: str, b: str, minimum: float = 0.0) -> float:
+    """Similarity of two spellings, 0-1; 0 if it is below ``minimum``."""
     matcher = SequenceMatcher(None, a, b)
-    if least and (matcher.real_quick_ratio() < least or matcher.quick_ratio() < least):
+    if minimum and (matcher.real_quick_ratio() < minimum or matcher.quick_ratio() < minimum):
         return 0.0
     ratio = matcher.ratio()
-    return ratio if ratio >= least else 0.0
+    return ratio if ratio >= minimum else 0.0
 
 
 def _joined(parts: Iterable[Sequence[str]]) -> Iterator[str]:
@@ -192,11 +196,11 @@ def load(name: str) -> Vocabulary:
     folder = DATA / name
     names = msgspec.json.decode((folder / "names.json").read_bytes(), type=list[str])
     weights = _weights(folder)
-    # what stands in the fewest other rooms says most of one
+    # objects that stand in few other rooms are typical of a room
     typical = sorted((n for n in names if n in weights), key=lambda n: sum(weights[n]))
     akin = {room: [n for n in typical if weights[n][i] == _USUALLY] for i, room in enumerate(ROOMS)}
     return Vocabulary(name.upper(), names, folder, akin=akin)
 
 
-#: The 80 classes of COCO (Lin et al. 2014), in today's spelling.
+#: The 80 classes of COCO (Lin et al. 2014), in canonical spelling.
 COCO = load("coco")

@@ -1,1 +1,1 @@
-"""What a sensor saw, as arrays, and how it is packed into bytes: posed RGB-D views, masks, pictures."""
+"""RGB-D views, detections and map layers as arrays, and their encoding as bytes."""

@@ -1,4 +1,4 @@
-"""Map layers as they come from the bus: the header's claims are checked before its bytes are believed."""
+"""Decodes map layers from the bus, after checking header and payload against each other."""
 
 from __future__ import annotations
 
@@ -8,15 +8,18 @@ from surveilnav.errors import WireError
 from surveilnav.messages import FloorMapsHeader, LayerHeader
 from surveilnav.sensing.packing import unpack_array
 
-#: Layers that lie on a grid, and the type of their cells: 0 or 1, or a value with NaN where it is unknown.
+#: Layers on a grid, and the type of their cells: 0 or 1, or a value with NaN where it is unknown.
 GRID_LAYERS = {"occupancy": "uint8", "explored": "uint8", "frontier": "uint8", "value": "float32"}
 
 
 def unpack_layer(layer: str, header: LayerHeader, payload: bytes) -> NDArray:
-    """The cells (rows, cols) of the ``layer`` that was asked for; row 0 is the southernmost.
+    """The cells (rows, cols) of a grid layer; row 0 is the southernmost.
+
+    Args:
+        layer: the layer that was requested.
 
     Raises:
-        WireError: it is another layer or none on a grid, or header and payload don't fit each other.
+        WireError: it is another layer, or header and payload don't fit each other.
     """
     if layer not in GRID_LAYERS or header.layer != layer:
         raise WireError(f"expected the layer {layer!r} of {', '.join(GRID_LAYERS)}, got {header.layer!r}")
@@ -48,7 +51,7 @@ def unpack_parts(header: FloorMapsHeader, payload: bytes) -> dict[str, NDArray]:
 
 
 def unpack_cloud(header: LayerHeader, payload: bytes) -> NDArray:
-    """(N, 6) float32: x, y, z [m, world] and r, g, b [0-1] of the cloud's points.
+    """The points (N, 6) float32 of the cloud: x, y, z [m, world] and r, g, b [0-1].
 
     Raises:
         WireError: it is another layer, or header and payload don't fit each other.

@@ -1,16 +1,15 @@
-"""Pictures, depth, embeddings and arrays as bytes, and back.
+"""Encodes pictures, depth, embeddings and arrays as bytes, and decodes them.
 
-What arrives is hostile until proven otherwise: sizes are checked before anything is decompressed, and whatever
-is wrong raises ``WireError``.
+Data from the network may be malicious: sizes are checked before anything is decompressed, and any fault raises ``WireError``.
 
-Depth travels as ``depth-invq-zstd``: inverse depth in steps of ``DEPTH_QUANTUM_PER_M`` (uint16; 0: none),
-the difference to the left neighbour (the first column: to the pixel above) folded to an unsigned number
-(zigzag), low bytes then high bytes, zstd. A step q in 1/z is q·z² in z, which grows with distance just as the
-noise of structured-light and stereo sensors does (Nguyen, Izadi & Lovell 2012: sigma = 1.2 mm + 1.9 mm/m² ·
-(z - 0.4 m)²). With q = 0.001/m the worst error is z²/2000:
+Depth is encoded as ``depth-invq-zstd``: inverse depth in steps of ``DEPTH_QUANTUM_PER_M`` (uint16; 0: none), as the
+difference to the left neighbour (in the first column: to the pixel above), folded to an unsigned number (zigzag); all low
+bytes, then all high bytes; zstd. A step q in 1/z is q·z² in z, which grows with distance as the noise of structured-light
+and stereo sensors does (Nguyen, Izadi & Lovell 2012: sigma = 1.2 mm + 1.9 mm/m² · (z - 0.4 m)²). With q = 0.001/m the
+largest error is z²/2000:
 
     z [m]                0.5    1     2     3     5     10
-    worst error [mm]     0.13   0.5   2     4.5   12.5  50
+    largest error [mm]     0.13   0.5   2     4.5   12.5  50
     sensor's sigma [mm]  1.2    1.9   6.1   14    41    176
 """
 
@@ -30,22 +29,25 @@ from numpy.typing import DTypeLike, NDArray
 from surveilnav.contract import ID
 from surveilnav.errors import WireError
 from surveilnav.geometry import Pinhole
-from surveilnav.messages import Detection, FrameHeader, InferReply, Part
+from surveilnav.messages import Detection, FrameHeader, InferReply, PayloadPart
 from surveilnav.sensing import rle
-from surveilnav.sensing.views import Detected, PosedView, ViewPerception, box_cells
+from surveilnav.sensing.views import DetectedObject, PosedView, ViewPerception, box_cells
 
 DEPTH_QUANTUM_PER_M: Final = 0.001
 
-#: Limits for what arrives. A picture of 4096 x 4096 needs 48 MB as pixels and 64 MB as metric depth.
+#: Limits for received data. A picture of 4096 x 4096 needs 48 MB as pixels and 64 MB as metric depth.
 MAX_PIXELS: Final = 4096 * 4096
 MAX_ARRAY_BYTES: Final = 256 * 1024 * 1024
 MAX_EMBEDDING_DIM: Final = 4096
 MAX_DETECTIONS: Final = 1000
-MAX_NAMES: Final = 4096  # of one vocabulary
+MAX_NAMES: Final = 4096  # classes of a vocabulary
 MAX_LABEL_CHARS: Final = 100
 
 _SOURCE = re.compile(rf"(robot|camera)/{ID}")
-_BASELINE_JPEG = {0xC0, 0xC1}  # progressive pictures may hold thousands of cheap-to-write, dear-to-read scans
+_BASELINE_JPEG = {
+    0xC0,
+    0xC1,
+}  # progressive ones may have thousands of scans, which are cheap to write and costly to read
 _STANDALONE = {0x01, *range(0xD0, 0xD9)}
 
 
@@ -58,22 +60,22 @@ def encode_rgbd(
     *,
     depth_range_m: tuple[float, float],
     jpeg_quality: int = 90,
-) -> tuple[bytes, Part, Part]:
-    """(payload, image part, depth part) of a registered RGB-D picture.
+) -> tuple[bytes, PayloadPart, PayloadPart]:
+    """Encodes a registered RGB-D picture; returns the payload and its two parts.
 
     Args:
         rgb: (height, width, 3) uint8.
-        depth_m: (height, width) [m] along the optical axis; what isn't finite or in range becomes "none".
-        depth_range_m: (nearest, farthest) measurable depth, the header's.
+        depth_m: (height, width) [m] along the optical axis; values that aren't finite or in range are encoded as "none".
+        depth_range_m: (nearest, farthest) depth, as in the header.
         jpeg_quality: 1-100.
     """
     image = encode_jpeg(rgb, jpeg_quality)
     depth = encode_depth(depth_m, depth_range_m)
-    return image + depth, Part("jpeg", len(image)), Part("depth-invq-zstd", len(depth))
+    return image + depth, PayloadPart("jpeg", len(image)), PayloadPart("depth-invq-zstd", len(depth))
 
 
 def decode_frame(header: FrameHeader, payload: bytes) -> PosedView:
-    """The view that a frame or an observation carries.
+    """Decodes the view in a frame or an observation.
 
     Raises:
         WireError: header and payload don't fit each other, or a value makes no sense.
@@ -103,9 +105,9 @@ def decode_frame(header: FrameHeader, payload: bytes) -> PosedView:
 
 
 def decode_rgbd(
-    payload: bytes, image: Part, depth: Part, camera: Pinhole, depth_range_m: tuple[float, float]
+    payload: bytes, image: PayloadPart, depth: PayloadPart, camera: Pinhole, depth_range_m: tuple[float, float]
 ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-    """(rgb (height, width, 3) uint8, depth (height, width) float32 [m], 0: none) of a payload ``image`` then ``depth``.
+    """Decodes a payload: rgb (height, width, 3) uint8, and depth (height, width) float32 [m], 0 where there is none.
 
     Raises:
         WireError: sizes, encodings or dimensions don't fit.
@@ -118,8 +120,8 @@ def decode_rgbd(
     )
 
 
-def check_rgbd(payload: bytes, image: Part, depth: Part, camera: Pinhole) -> None:
-    """What can be known of a payload before a pixel is decoded: its parts, and the dimensions that the JPEG states.
+def check_rgbd(payload: bytes, image: PayloadPart, depth: PayloadPart, camera: Pinhole) -> None:
+    """Checks all of a payload that can be checked before decoding a pixel: its parts, and the JPEG's dimensions.
 
     Raises:
         WireError: sizes, encodings or dimensions don't fit.
@@ -134,7 +136,7 @@ def check_rgbd(payload: bytes, image: Part, depth: Part, camera: Pinhole) -> Non
 
 
 def encode_jpeg(rgb: NDArray[np.uint8], quality: int = 90) -> bytes:
-    """Baseline JPEG of (height, width, 3) uint8."""
+    """Encodes (height, width, 3) uint8 as baseline JPEG."""
     if rgb.ndim != 3 or rgb.shape[2] != 3 or rgb.dtype != np.uint8:
         raise ValueError(f"a picture is (height, width, 3) uint8, got {rgb.shape} {rgb.dtype}")
     ok, data = cv2.imencode(".jpg", cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, int(quality)])
@@ -144,10 +146,10 @@ def encode_jpeg(rgb: NDArray[np.uint8], quality: int = 90) -> bytes:
 
 
 def decode_jpeg(data: bytes, width_px: int, height_px: int) -> NDArray[np.uint8]:
-    """RGB (height, width, 3) uint8 of a baseline JPEG that says it has just these dimensions.
+    """Decodes a baseline JPEG of these dimensions to RGB (height, width, 3) uint8.
 
     Raises:
-        WireError: it isn't one, is cut off, or has other dimensions (known before a pixel is decoded).
+        WireError: it isn't one, is cut off, or has other dimensions, which is checked before a pixel is decoded.
     """
     _check_jpeg(data, width_px, height_px)
     try:
@@ -169,7 +171,7 @@ def _check_jpeg(data: bytes, width_px: int, height_px: int) -> None:
 
 
 def _jpeg_size(data: bytes) -> tuple[int, int]:
-    """(width, height) that the frame header of a baseline JPEG with three components states."""
+    """(width, height) in the frame header of a baseline JPEG with three components."""
     if not data.startswith(b"\xff\xd8"):
         raise WireError("the image isn't a JPEG: it doesn't begin with FF D8")
     at = 2
@@ -203,7 +205,7 @@ def _check_pixels(width_px: int, height_px: int) -> None:
 
 
 def encode_depth(depth_m: NDArray[np.floating], depth_range_m: tuple[float, float]) -> bytes:
-    """``depth-invq-zstd`` bytes of (height, width) [m]; what isn't finite or out of range becomes "none"."""
+    """Encodes depth (height, width) [m] as ``depth-invq-zstd``. Values that aren't finite or in range become "none"."""
     near, far = _checked_range(depth_range_m)
     depth = np.ascontiguousarray(depth_m, dtype=np.float32)
     if depth.ndim != 2:
@@ -221,34 +223,36 @@ def encode_depth(depth_m: NDArray[np.floating], depth_range_m: tuple[float, floa
     delta[1:, 0] -= q[:-1, 0]
     signed = delta.view(np.int16)
     folded = ((signed << 1) ^ (signed >> 15)).view(np.uint16)
-    return zstandard.ZstdCompressor(level=1).compress(byte_planes(folded))
+    return zstandard.ZstdCompressor(level=1).compress(to_byte_planes(folded))
 
 
 def decode_depth(data: bytes, width_px: int, height_px: int, depth_range_m: tuple[float, float]) -> NDArray[np.float32]:
-    """Metric depth (height, width) float32, 0: none; all else within ``depth_range_m``.
+    """Decodes depth to (height, width) float32 [m], 0 where there is none; other values lie within ``depth_range_m``.
 
     Raises:
-        WireError: not ``depth-invq-zstd``, other dimensions, or a range that makes no sense.
+        WireError: the data isn't ``depth-invq-zstd`` of these dimensions, or the range is invalid.
     """
     _check_pixels(width_px, height_px)
     try:
         near, far = _checked_range(depth_range_m)
     except ValueError as error:
         raise WireError(str(error)) from None
-    folded = of_byte_planes(_unzstd(data, 2 * width_px * height_px), (height_px, width_px))
+    folded = from_byte_planes(_unzstd(data, 2 * width_px * height_px), (height_px, width_px))
     delta = (folded >> 1) ^ (-(folded & 1).view(np.int16)).view(np.uint16)
     delta[:, 0] = np.cumsum(delta[:, 0], dtype=np.uint16)
     steps = np.cumsum(delta, axis=1, dtype=np.uint16)
-    return _depth_table(near, far).take(steps, mode="wrap")  # there is a depth for every step: no need to check them
+    return _depth_table(near, far).take(
+        steps, mode="wrap"
+    )  # the table has an entry for every step: no need to check them
 
 
-def byte_planes(values: NDArray[np.uint16]) -> bytes:
-    """All low bytes, then all high ones: smooth pictures become runs, which compress well."""
+def to_byte_planes(values: NDArray[np.uint16]) -> bytes:
+    """All low bytes, then all high bytes: smooth pictures become runs, which compress well."""
     return np.stack([values.astype(np.uint8), (values >> 8).astype(np.uint8)]).tobytes()
 
 
-def of_byte_planes(data: bytes, shape: tuple[int, int]) -> NDArray[np.uint16]:
-    """The values of ``byte_planes``. ValueError: ``data`` isn't of that shape."""
+def from_byte_planes(data: bytes, shape: tuple[int, int]) -> NDArray[np.uint16]:
+    """Inverse of ``to_byte_planes``. Raises ValueError if ``data`` doesn't have this shape."""
     low, high = np.frombuffer(data, np.uint8).reshape(2, *shape)
     values = high.astype(np.uint16)
     values <<= 8
@@ -257,7 +261,7 @@ def of_byte_planes(data: bytes, shape: tuple[int, int]) -> NDArray[np.uint16]:
 
 
 def _depth_table(near_m: float, far_m: float) -> NDArray[np.float32]:
-    """Depth of every step (65536,) float32. Steps outside the range, by more than rounding, are "none"."""
+    """Depth of each step, (65536,) float32. Steps outside the range, by more than rounding, are "none"."""
     inverse_depth = np.arange(65536) * DEPTH_QUANTUM_PER_M
     inverse_depth[0] = np.inf  # none
     slack = 0.51 * DEPTH_QUANTUM_PER_M
@@ -278,7 +282,7 @@ def _checked_range(depth_range_m: tuple[float, float]) -> tuple[float, float]:
 
 
 def pack_embedding(embedding: NDArray[np.floating]) -> bytes:
-    """Little-endian float16 of a unit vector (D,)."""
+    """Encodes a unit vector (D,) as little-endian float16."""
     vector = np.asarray(embedding)
     if vector.ndim != 1 or not 1 <= vector.size <= MAX_EMBEDDING_DIM:
         raise ValueError(f"an embedding is a vector of 1 to {MAX_EMBEDDING_DIM} numbers, got {vector.shape}")
@@ -286,10 +290,10 @@ def pack_embedding(embedding: NDArray[np.floating]) -> bytes:
 
 
 def unpack_embedding(data: bytes, dim: int | None = None) -> NDArray[np.float32]:
-    """The unit vector (D,) float32, renormalised; ``dim`` is the D expected.
+    """Decodes and renormalises a unit vector (D,) float32. ``dim``: the expected D.
 
     Raises:
-        WireError: wrong length, not finite, or far from unit length.
+        WireError: its length is wrong, or it isn't finite, or far from unit length.
     """
     n = len(data) // 2
     if len(data) % 2 or not 1 <= n <= MAX_EMBEDDING_DIM or (dim is not None and n != dim):
@@ -302,11 +306,11 @@ def unpack_embedding(data: bytes, dim: int | None = None) -> NDArray[np.float32]
     return vector / np.float32(norm)
 
 
-# --- what perception says ---------------------------------------------------------------------------------------
+# --- perception --------------------------------------------------------------------------------------------------
 
 
 def perception_to_wire(perception: ViewPerception) -> tuple[list[Detection], bytes]:
-    """(detections, image embedding) as an ``InferReply`` carries them."""
+    """The detections and the image embedding in the form of an ``InferReply``."""
     detections = [
         Detection(
             label=d.label,
@@ -322,10 +326,10 @@ def perception_to_wire(perception: ViewPerception) -> tuple[list[Detection], byt
 
 
 def perception_from_wire(reply: InferReply, camera: Pinhole) -> ViewPerception:
-    """What a worker's reply says about a view of ``camera``; boxes are clipped to the picture.
+    """Decodes a worker's reply about a view of ``camera``. Boxes are clipped to the picture.
 
     Raises:
-        WireError: anything in it makes no sense.
+        WireError: a value in it is invalid.
     """
     image_embedding = unpack_embedding(reply.image_embedding)
     if len(reply.detections) > MAX_DETECTIONS:
@@ -339,7 +343,7 @@ def perception_from_wire(reply: InferReply, camera: Pinhole) -> ViewPerception:
     return ViewPerception(reply.backend, detections, image_embedding, reply.models.embedder, words)
 
 
-def _detected(d: Detection, camera: Pinhole, dim: int) -> Detected:
+def _detected(d: Detection, camera: Pinhole, dim: int) -> DetectedObject:
     x0, y0, x1, y1 = d.box_px
     if not all(math.isfinite(v) for v in d.box_px):
         raise WireError(f"a box must be finite, got {d.box_px}")
@@ -356,23 +360,23 @@ def _detected(d: Detection, camera: Pinhole, dim: int) -> Detected:
         raise WireError(f"a label has 1 to {MAX_LABEL_CHARS} characters, got {len(d.label)}")
     left, top, right, bottom = box_cells((x0, y0, x1, y1), camera.width_px, camera.height_px)
     mask = rle.decode(d.mask, right - left, bottom - top) if d.mask else None
-    return Detected(d.label, d.score, (x0, y0, x1, y1), mask, unpack_embedding(d.embedding, dim), d.chance)
+    return DetectedObject(d.label, d.score, (x0, y0, x1, y1), mask, unpack_embedding(d.embedding, dim), d.chance)
 
 
 # --- arrays: map layers, truth ------------------------------------------------------------------------------------
 
 
 def pack_array(array: NDArray, level: int = 1) -> bytes:
-    """zstd of the row-major, little-endian array; dtype and shape travel in the header beside it."""
+    """Encodes a row-major, little-endian array with zstd. Its dtype and shape must travel beside it."""
     little = np.ascontiguousarray(array).astype(array.dtype.newbyteorder("<"), copy=False)
     return zstandard.ZstdCompressor(level=level).compress(little.tobytes())
 
 
 def unpack_array(data: bytes, dtype: DTypeLike, shape: Sequence[int], max_bytes: int = MAX_ARRAY_BYTES) -> NDArray:
-    """The array of that dtype and shape (read-only).
+    """Decodes a (read-only) array of this dtype and shape.
 
     Raises:
-        WireError: the bytes hold something else, or it would take more than ``max_bytes``.
+        WireError: the bytes don't fit dtype and shape, or the array would take more than ``max_bytes``.
     """
     kind = np.dtype(dtype).newbyteorder("<")
     if any(int(n) < 0 for n in shape) or len(shape) > 8:
@@ -384,7 +388,7 @@ def unpack_array(data: bytes, dtype: DTypeLike, shape: Sequence[int], max_bytes:
 
 
 def _unzstd(data: bytes, n_bytes: int) -> bytes:
-    """Decompresses one zstd frame that says it holds, and holds, ``n_bytes``. Nothing is allocated before."""
+    """Decompresses one zstd frame of ``n_bytes``. The stated size is checked before anything is allocated."""
     try:
         stated = zstandard.frame_content_size(data)
         if stated != n_bytes:

@@ -1,8 +1,7 @@
-"""Masks as run lengths, as COCO's uncompressed format has them.
+"""Masks as run lengths, in COCO's uncompressed format (Lin et al. 2014).
 
-The cells of a mask are read column by column, each from top to bottom. The runs are the lengths of what is outside and
-inside by turns; the first is outside, and may be 0. They sum up to the number of cells.
-(Lin et al. 2014, the dataset's annotation format.)
+The cells of a mask are read column by column, from top to bottom. Runs outside and inside the mask alternate; the first is
+outside, and may be 0. The runs sum up to the number of cells.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ def decode(runs: Sequence[int], width_px: int, height_px: int) -> NDArray[np.boo
     """The mask (height, width) bool.
 
     Raises:
-        WireError: runs that are empty but for the first, or that don't sum up to the cells.
+        WireError: a run other than the first is empty, or the runs don't sum up to the number of cells.
     """
     n_cells = width_px * height_px
     if not 1 <= len(runs) <= n_cells + 1:

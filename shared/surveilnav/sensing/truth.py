@@ -1,4 +1,4 @@
-"""Simulation only: instance ids as a message and its payload, and back. What arrives is hostile: ``WireError``."""
+"""Encodes and decodes the instance ids of simulated views. Data from the network is checked: ``WireError``."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from surveilnav.sensing.views import TrueInstances
 
 
 def truth_to_wire(truth: TrueInstances, *, source: str, view: int, seq: int, stamp_ns: int) -> tuple[Truth, bytes]:
-    """The instance ids of the view (source, view, seq): message and payload."""
+    """Encodes the instance ids of the view (source, view, seq) as message and payload."""
     height_px, width_px = truth.ids.shape
     pose = Pose.from_matrix(truth.T_world_camera) if truth.T_world_camera is not None else None
     message = Truth(
@@ -29,7 +29,7 @@ def truth_to_wire(truth: TrueInstances, *, source: str, view: int, seq: int, sta
 
 
 def truth_from_wire(truth: Truth, packed: bytes) -> TrueInstances:
-    """The instance ids in a message and its payload.
+    """Decodes the instance ids in a message and its payload.
 
     Raises:
         WireError: sizes or labels make no sense, or the payload doesn't decode.

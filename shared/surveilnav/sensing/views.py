@@ -1,6 +1,6 @@
-"""Views and what perception says about them, as arrays: the input of every core.
+"""Views and perception's results as arrays.
 
-The wire's twins are in ``surveilnav.messages``; ``surveilnav.sensing.packing`` turns one into the other.
+``surveilnav.messages`` has the corresponding messages; ``surveilnav.sensing.packing`` converts between the two.
 """
 
 from __future__ import annotations
@@ -13,26 +13,26 @@ from numpy.typing import NDArray
 
 from surveilnav.geometry import Matrix4, Pinhole
 
-#: Steeper views than this show nothing that a detector knows: it can't read what is seen from straight above.
-_NADIR_RAD = math.radians(75.0)
+#: In steeper views detectors recognise nothing: they weren't trained on objects seen from above.
+_MAX_DOWN_RAD = math.radians(75.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PosedView:
-    """One RGB-D picture with its pose: all that fusion may know about the world.
+    """One RGB-D picture with its pose.
 
     Attributes:
         source: "robot/<id>" or "camera/<id>".
-        view: index of the view of a camera (0-12); 0 for a robot.
-        seq: grows by one with every observation of a source.
+        view: index of a camera's view (0-12); 0 for a robot.
+        seq: sequence number, one more for each picture of a source.
         stamp_ns: time of capture.
-        floor: the floor that the source says it stands on.
-        T_world_camera: (4, 4) float64, OpenCV camera.
+        floor: the floor on which the source reports to be.
+        T_world_camera: (4, 4) float64 pose of the camera, OpenCV axes.
         camera: intrinsics of both pictures (registered).
         mounting_offset_m: height of the sensor above its floor (the paper's delta z).
         rgb: (height, width, 3) uint8.
         depth_m: (height, width) float32 [m] along the optical axis; 0 or NaN where there is none.
-        depth_range_m: (nearest, farthest) that the sensor measures.
+        depth_range_m: (nearest, farthest) depth that the sensor measures.
     """
 
     source: str
@@ -53,22 +53,22 @@ class PosedView:
 
     @property
     def floor_z_m(self) -> float:
-        """Estimated altitude of the supporting floor (the paper's z-hat, before eq. 1)."""
+        """Estimated altitude of the floor below the source (the paper's z-hat, before eq. 1)."""
         return float(self.T_world_camera[2, 3]) - self.mounting_offset_m
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Detected:
+class DetectedObject:
     """One object that a detector found in one view.
 
     Attributes:
-        label: what it is called, as ``surveilnav.words.canonical`` spells it.
-        score: the detector's confidence, 0-1.
+        label: its class, in canonical spelling (``surveilnav.words.canonical``).
+        score: the detector's score, 0-1.
         box_px: (x0, y0, x1, y1) float pixels.
-        mask: (y1 - y0, x1 - x0) bool for the box rounded outwards to whole pixels and clipped to the image
-            (``box_cells``), or None: the whole box.
+        mask: (rows, columns) bool for the box rounded outwards to whole pixels and clipped to the picture (``box_cells``);
+            None: the whole box.
         embedding: (D,) float32, unit length.
-        chance: how likely it is what it is called, 0-1, by the backend's table (``perception.chances``); None: it has none.
+        chance: calibrated probability that the label is right, 0-1 (``perception.chances``); None: not calibrated.
     """
 
     label: str
@@ -79,21 +79,25 @@ class Detected:
     chance: float | None = None
 
     @property
-    def worth(self) -> float:
-        """``chance``; the score, where that is all that is known."""
+    def confidence(self) -> float:
+        """The calibrated probability, or the score of a detector that isn't calibrated."""
         return self.score if self.chance is None else self.chance
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ViewPerception:
-    """What perception says about one view.
+    """Perception's result for one view.
 
-    ``image_embedding`` is (D,) float32, unit length. ``embedding_model`` names the space of all its vectors: those of two
-    models can't be compared. ``words``: what the detector looked for; one with a vocabulary looks for all of it.
+    Attributes:
+        backend: name of the backend.
+        detections: the objects that it found.
+        image_embedding: (D,) float32, unit length.
+        embedding_model: id of the space of all these embeddings; those of two models can't be compared.
+        words: what the detector looked for: the prompts, or all classes of its vocabulary.
     """
 
     backend: str
-    detections: tuple[Detected, ...]
+    detections: tuple[DetectedObject, ...]
     image_embedding: NDArray[np.float32]
     embedding_model: str = ""
     words: tuple[str, ...] = ()
@@ -101,10 +105,12 @@ class ViewPerception:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrueInstances:
-    """Simulation only: which instance each pixel shows. Never reaches fusion or planner.
+    """Simulation only: which instance each pixel shows. Fusion and planner never get it.
 
-    ``ids`` is (height, width) uint16, 0 where no instance is; ``labels`` maps instance ids to class names.
-    ``T_world_camera`` is the view's pose where it is told: views from the same direction share their luck.
+    Attributes:
+        ids: (height, width) uint16 instance ids, 0 where there is none.
+        labels: by instance id, the class.
+        T_world_camera: pose of the view, if known. ``simulated`` draws correlated errors for views from similar directions.
     """
 
     ids: NDArray[np.uint16]
@@ -113,7 +119,7 @@ class TrueInstances:
 
 
 def box_cells(box_px: tuple[float, float, float, float], width_px: int, height_px: int) -> tuple[int, int, int, int]:
-    """The box (x0, y0, x1, y1) rounded outwards to whole pixels and clipped: slices ``[y0:y1, x0:x1]``."""
+    """The box (x0, y0, x1, y1) rounded outwards to whole pixels and clipped to the picture, for slices ``[y0:y1, x0:x1]``."""
     x0, y0, x1, y1 = box_px
     left, top = max(0, int(np.floor(x0))), max(0, int(np.floor(y0)))
     right, bottom = min(width_px, int(np.ceil(x1))), min(height_px, int(np.ceil(y1)))
@@ -121,5 +127,5 @@ def box_cells(box_px: tuple[float, float, float, float], width_px: int, height_p
 
 
 def looks_straight_down(T_world_camera: Matrix4) -> bool:
-    """Whether a camera (4, 4) looks down so steeply that no detector can read what it sees."""
-    return float(T_world_camera[2, 2]) < -math.sin(_NADIR_RAD)
+    """Whether a camera with this pose (4, 4) looks down so steeply that detectors recognise nothing."""
+    return float(T_world_camera[2, 2]) < -math.sin(_MAX_DOWN_RAD)

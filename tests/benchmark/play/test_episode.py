@@ -222,7 +222,7 @@ def test_a_view_without_any_depth_is_left_out_as_on_the_bus_and_the_planner_gets
     joint, view = JointMap(), before_a_wall()
     assert episode._take(joint, SeenView(view, None, 0)) == ""
     assert list(joint.floors) == []
-    maps = episode.map_view(episode._maps_for(joint, "0", view), "0", np.ones(4, np.float32) / 2, "")
+    maps = episode.floor_maps(episode._maps_for(joint, "0", view), "0", np.ones(4, np.float32) / 2, "")
     assert not maps.occupancy.any()
     assert not maps.explored.any()
     assert [int(i) for i in maps.grid.cells_of((1.0, 2.0))] == [n // 2 for n in maps.occupancy.shape]

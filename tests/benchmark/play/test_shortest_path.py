@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from surveilnav.benchmark.play.shortest_path import ShortestPathPlanner
-from surveilnav.services.planner.core import MapView, MissionState, PlannerConfig, RobotView
+from surveilnav.robot_state import RobotState
+from surveilnav.services.planner.core import FloorMaps, MissionState, PlannerConfig, RobotView
 from surveilnav.services.planner.core.motion.drive import FmmPlanner
 from surveilnav.services.planner.core.motion.terrain import build_terrain
-from surveilnav.services.robot_node import core as robot
 from surveilnav.simulator.sources import open_building
+from surveilnav.simulator.world import robot_motion
 from surveilnav.simulator.world.navigation import NavigationMap
 
 CONFIG = PlannerConfig()
@@ -28,7 +29,7 @@ def blank(navigation, state):
     floor = navigation.floors[state.floor]
     nothing = np.zeros(floor.grid.shape, np.uint8)
     value = np.full(floor.grid.shape, np.nan, np.float32)
-    maps = MapView(state.floor, floor.z_m, floor.grid, nothing, nothing, nothing, value, [], 1)
+    maps = FloorMaps(state.floor, floor.z_m, floor.grid, nothing, nothing, nothing, value, [], 1)
     corners = [floor.grid.centres_of((0, 0)), floor.grid.centres_of((floor.grid.rows - 1, floor.grid.cols - 1))]
     return build_terrain(maps, view_of(state), MissionState("x"), CONFIG, [tuple(c) for c in corners])
 
@@ -41,7 +42,7 @@ def view_of(state):
 
 def drive(navigation, planner, start, goal, most=400):
     """The way driven [m] to within 0.2 m of the goal; None if the planner gives up."""
-    state = robot.RobotState(*start, navigation.floors["0"].z_m, "0", 0.3)
+    state = RobotState(*start, navigation.floors["0"].z_m, "0", 0.3)
     terrain = blank(navigation, state)
     goals = terrain.disc(*goal, 0.15)
     for _ in range(most):
@@ -51,7 +52,7 @@ def drive(navigation, planner, start, goal, most=400):
         if route is None:
             return None
         assert math.dist(route.path[0], (state.x_m, state.y_m)) < 0.2
-        state = robot.act(state, route.action, navigation)
+        state = robot_motion.act(state, route.action, navigation)
     raise AssertionError("never arrived")
 
 
@@ -71,7 +72,7 @@ def test_it_knows_what_the_map_does_not(navigation):
     floor = navigation.floors["0"]
     blocked = np.argwhere(floor.obstacle)[0]
     here = floor.grid.centres_of(np.argwhere(navigation.robot_area["0"])[0])
-    state = robot.RobotState(float(here[0]), float(here[1]), floor.z_m, "0", 0.0)
+    state = RobotState(float(here[0]), float(here[1]), floor.z_m, "0", 0.0)
     terrain = blank(navigation, state)
     goals = terrain.disc(*floor.grid.centres_of(blocked), 0.03)
     assert FmmPlanner().route(terrain, goals, view_of(state), CONFIG) is not None

@@ -5,15 +5,16 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
+from surveilnav.services.planner.core.state import RobotView
 
 from surveilnav.benchmark.policies import Task, Truth
 from surveilnav.messages import ObjectRecord
-from surveilnav.services.planner.core import MapView
-from surveilnav.services.planner.core.inputs import RobotView
+from surveilnav.robot_state import RobotState
+from surveilnav.services.planner.core import FloorMaps
 from surveilnav.services.planner.core.motion.drive import FmmPlanner
 from surveilnav.services.planner.core.motion.terrain import lines_are_clear
-from surveilnav.services.robot_node import core as robot
 from surveilnav.simulator.sources import open_building
+from surveilnav.simulator.world import robot_motion
 from surveilnav.simulator.world.goals import find_goals, judge, sample_start
 from surveilnav.simulator.world.navigation import NavigationMap
 from surveilnav.simulator.world.raycast import RayCaster
@@ -41,8 +42,8 @@ class Search:
 
     def __init__(self, home, policy, goals, start, *, seed=0, max_steps=500, value=lambda x, y: 0.5 + 0 * x):
         self.home, self.goals, self.start = home, goals, start
-        self.state = robot.RobotState(*start.p_m, start.floor, start.yaw_rad)
-        self.stairs = tuple(robot.stairs_of(home.navigation))
+        self.state = RobotState(*start.p_m, start.floor, start.yaw_rad)
+        self.stairs = tuple(robot_motion.stairs_in(home.navigation))
         self.explored = {n: np.zeros(f.grid.shape, bool) for n, f in home.navigation.floors.items()}
         self.value, self.known = value, {}
         truth = Truth(goals, home.navigation) if policy.needs_truth else None
@@ -81,7 +82,7 @@ class Search:
         )
         value[rows, cols] = self.value(points[:, 0], points[:, 1])
         things = [r for r in self.known.values() if r.floor == floor.id]
-        return MapView(floor.id, floor.z_m, floor.grid, occupancy, explored, frontier, value, things, self.state.seq)
+        return FloorMaps(floor.id, floor.z_m, floor.grid, occupancy, explored, frontier, value, things, self.state.seq)
 
     def step(self):
         """Whether the episode goes on."""
@@ -92,8 +93,8 @@ class Search:
         )
         self.last = self.searcher.act(self.maps(), view, {})
         self.actions.append(self.last.action)
-        if self.last.action and not robot.refusal(s, self.last.action, self.home.navigation, self.last.to_floor):
-            self.state = robot.act(s, self.last.action, self.home.navigation, self.last.to_floor)
+        if self.last.action and not robot_motion.refusal(s, self.last.action, self.home.navigation, self.last.to_floor):
+            self.state = robot_motion.act(s, self.last.action, self.home.navigation, self.last.to_floor)
         return not self.last.finished
 
     def run(self):

@@ -21,9 +21,9 @@ from surveilnav.benchmark.studies.calibration.tour import Tour, views_on
 from surveilnav.benchmark.studies.calibration.views import MeasuredViews, measured_views_of, save
 from surveilnav.perception.chances import ChanceTable, features
 from surveilnav.perception.detectors.compact import CompactNetwork
-from surveilnav.perception.detectors.onnx_file import session
-from surveilnav.perception.one_network import OneNetwork
+from surveilnav.perception.detectors.onnx_file import open_session
 from surveilnav.perception.runtime import Runtime
+from surveilnav.perception.single_network import SingleNetworkBackend
 from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings
 from surveilnav.simulator.truth.backends import Oracle
 from tests.compact_file import write
@@ -42,7 +42,7 @@ def made(n: int, seed: int = 0) -> Judged:
 def test_it_finds_the_terms_that_made_the_data():
     table = fit(made(20_000), "a test")
     bed, chair = table.by_class["bed"], table.by_class["chair"]
-    assert bed.even - chair.even == pytest.approx(-2.0, abs=0.2)
+    assert bed.intercept - chair.intercept == pytest.approx(-2.0, abs=0.2)
     assert table.slope + chair.slope == pytest.approx(1.5, abs=0.15)
     assert (table.size, table.range, table.camera) == pytest.approx((0.6, -0.8, -0.5), abs=0.12)
     rows = made(20_000, seed=1)
@@ -93,7 +93,9 @@ def colours(tmp_path_factory):
     """A flat in flat light as a tiny network sees it, for which what is dark is a chest of drawers."""
     building = SimulatedBuilding(SimulationSettings(building="parametric_flat", seed=1, cameras=1, lighting="flat"))
     path = write(tmp_path_factory.mktemp("compact") / "compact.onnx", blackness=2.0, more={"meanings": OTHERS})
-    backend = OneNetwork("compact", "in a test", CompactNetwork(session(path, Runtime()), 320), "compact@0")
+    backend = SingleNetworkBackend(
+        "compact", "in a test", CompactNetwork(open_session(path, Runtime()), 320), "compact@0"
+    )
     seen = views_on(building, backend, Tour(12, np.radians(90.0), 2.0))
     return backend, measured_views_of("flat", seen, building, backend.vocabulary), building
 

@@ -7,14 +7,14 @@ from hypothesis import strategies as st
 
 from surveilnav.perception.vocabulary import COCO
 from surveilnav.services.camera_node.core import (
-    Seen,
     SendState,
+    ViewLabels,
+    build_summary,
     choose_slot,
     keeps_slot,
-    labels_of,
-    summary,
+    merge_labels,
+    next_view_to_examine,
     summary_due,
-    view_to_look_at,
     views_to_send,
 )
 
@@ -63,32 +63,34 @@ def test_replicas_begin_at_different_slots_and_one_of_two_rivals_yields() -> Non
 
 def test_a_summary_is_small_and_keeps_the_surest() -> None:
     labels = {label: (k + 1) / 100 for k, label in enumerate(COCO)}
-    message = summary("c0-1", "0", labels, stamp_ns=2**62)
+    message = build_summary("c0-1", "0", labels, stamp_ns=2**62)
     size = len(msgspec.msgpack.encode(message))
     assert 450 < size <= 512
     kept = sorted(message.labels.values())
     assert kept == sorted(labels.values())[-len(kept) :]
-    assert summary("c0-1", "0", {"bed": 0.123456}, stamp_ns=1).labels == {"bed": 0.123}
-    assert summary("c0-1", "0", {}, stamp_ns=1).labels == {}
-    assert summary("c0-1", "0", {"x" * 600: 1.0}, stamp_ns=1).labels == {}
+    assert build_summary("c0-1", "0", {"bed": 0.123456}, stamp_ns=1).labels == {"bed": 0.123}
+    assert build_summary("c0-1", "0", {}, stamp_ns=1).labels == {}
+    assert build_summary("c0-1", "0", {"x" * 600: 1.0}, stamp_ns=1).labels == {}
 
 
 def test_every_view_is_looked_at_once_and_again_when_it_changed() -> None:
-    seen: dict[int, Seen] = {}
+    seen: dict[int, ViewLabels] = {}
     versions = {0: 0, 1: 0, 2: 0}
     order = []
-    while (view := view_to_look_at(seen, versions)) is not None:
+    while (view := next_view_to_examine(seen, versions)) is not None:
         order.append(view)
-        seen[view] = Seen(versions[view], {})
+        seen[view] = ViewLabels(versions[view], {})
     assert order == [0, 1, 2]
-    assert view_to_look_at(seen, {0: 0, 1: 1, 2: 5}) == 2, "the one that is longest out of date"
-    assert view_to_look_at(seen, {0: 1, 1: 0, 2: 0, 7: 0}) == 7, "one never looked at before one that changed"
+    assert next_view_to_examine(seen, {0: 0, 1: 1, 2: 5}) == 2, "the one that is longest out of date"
+    assert next_view_to_examine(seen, {0: 1, 1: 0, 2: 0, 7: 0}) == 7, "one never looked at before one that changed"
 
 
 def test_labels_are_the_highest_of_all_views() -> None:
-    seen = {0: Seen(0, {"tv": 0.4, "bed": 0.9}), 1: Seen(0, {"tv": 0.6}), 2: Seen(0, {})}
-    assert labels_of(seen) == {"tv": 0.6, "bed": 0.9}
-    assert labels_of({**seen, 1: Seen(1, {})}) == {"tv": 0.4, "bed": 0.9}, "a view that changed forgets what it showed"
+    seen = {0: ViewLabels(0, {"tv": 0.4, "bed": 0.9}), 1: ViewLabels(0, {"tv": 0.6}), 2: ViewLabels(0, {})}
+    assert merge_labels(seen) == {"tv": 0.6, "bed": 0.9}
+    assert merge_labels({**seen, 1: ViewLabels(1, {})}) == {"tv": 0.4, "bed": 0.9}, (
+        "a view that changed forgets what it showed"
+    )
 
 
 def test_news_comes_sooner_than_the_rate_but_not_at_once() -> None:

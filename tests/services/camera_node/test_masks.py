@@ -1,7 +1,7 @@
 """No pixel of a mask zone survives in anything that a camera node says.
 
 Two buildings differ in nothing but what the zones hide. Everything a camera says of the one must then be what it says of
-the other, byte by byte: frames, depth, thumbnails, truth, what its own eyes see.
+the other, byte by byte: frames, depth, thumbnails, truth, what its own perception sees.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from surveilnav.errors import ConfigError
 from surveilnav.messages import CameraRequest
 from surveilnav.sensing.packing import decode_frame
 from surveilnav.sensing.truth import truth_to_wire
-from surveilnav.sensing.views import Detected, TrueInstances, ViewPerception
+from surveilnav.sensing.views import DetectedObject, TrueInstances, ViewPerception
 from surveilnav.services.camera_node.config import CameraSettings
-from surveilnav.services.camera_node.eyes import Eyes
-from surveilnav.services.camera_node.frames import EncodedViews
+from surveilnav.services.camera_node.edge_perception import EdgePerception
+from surveilnav.services.camera_node.frames import FrameEncoder
 from surveilnav.services.camera_node.service import CameraService
-from surveilnav.services.camera_node.sources.masked import MaskedSource, masked
+from surveilnav.services.camera_node.sources.masked import MaskedSource, hide_mask_zones
 from surveilnav.services.camera_node.sources.source import Picture
 from surveilnav.services.camera_node.zones import masked_pixels
 from tests.services.camera_node.conftest import SIDE, Camera
@@ -31,7 +31,7 @@ from tests.waiting import patient, until
 
 PLACE = {"floor": "0", "camera": "c1"}
 ZONE = ((0.2, 0.3), (0.7, 0.35), (0.5, 0.8))
-NOTHING_KEPT = CameraSettings(jpeg_quality=90, kept_mb=0)
+NO_CACHE = CameraSettings(jpeg_quality=90, disk_cache_mb=0)
 
 
 class Building(Camera):
@@ -73,7 +73,7 @@ def test_bytes_dont_depend_on_what_is_hidden(polygons):
     said = []
     for building in pair(polygons):
         source = MaskedSource(building, {3: polygons})
-        encoded = EncodedViews(source, NOTHING_KEPT)
+        encoded = FrameEncoder(source, NO_CACHE)
         truth, payload = truth_to_wire(source.latest(3).truth, source="camera/c1", view=3, seq=1, stamp_ns=1)
         said.append((encoded.newest(3).payload, encoded.thumbnail(3, 48), bytes(payload), truth))
     assert said[0] == said[1]
@@ -81,7 +81,7 @@ def test_bytes_dont_depend_on_what_is_hidden(polygons):
 
 def test_the_two_buildings_do_differ():
     """Without the mask the bytes are others: the test above can fail."""
-    one, other = (EncodedViews(b, NOTHING_KEPT) for b in pair([ZONE]))
+    one, other = (FrameEncoder(b, NO_CACHE) for b in pair([ZONE]))
     assert one.newest(3).payload != other.newest(3).payload
     assert one.thumbnail(3, 48) != other.thumbnail(3, 48)
 
@@ -102,19 +102,20 @@ class Gossip:
         numbers = [rgb.astype(int).sum(), np.nansum(depth_m), (truth.ids == 1).sum(), (truth.ids == 2).sum()]
         box = (0.0, 0.0, 9.0, 9.0)
         found = tuple(
-            Detected(f"{i}", float(n % 997) / 997, box, None, np.zeros(81, np.float32)) for i, n in enumerate(numbers)
+            DetectedObject(f"{i}", float(n % 997) / 997, box, None, np.zeros(81, np.float32))
+            for i, n in enumerate(numbers)
         )
         return ViewPerception(self.name, found, np.zeros(81, np.float32))
 
 
 @pytest.mark.parametrize("secret", [1, 2])
 def test_what_a_camera_puts_holds_nothing_of_its_zones(camera_node, make_node, camera_settings, secret):
-    """Over the bus: frame, depth, truth and thumbnail of a view, and the summary of its own eyes."""
+    """Over the bus: frame, depth, truth and thumbnail of a view, and the summary of its own perception."""
     client = patient(make_node("test", "t", alive=False))
     building = pair([ZONE])[secret - 1]
     hidden = masked_pixels([ZONE], SIDE, SIDE)
     service = CameraService(camera_node, building, camera_settings)
-    frames, truths = client.slot(CAMERA_FRAME, **PLACE, view=3), client.slot(TRUTH, source="camera-c1", view=3)
+    frames, truths = client.latest(CAMERA_FRAME, **PLACE, view=3), client.latest(TRUTH, source="camera-c1", view=3)
     until(lambda: service._frames[3].matched and service._truths[3].matched)
     service.step()
     frame = until(frames.poll)
@@ -128,7 +129,7 @@ def test_what_a_camera_puts_holds_nothing_of_its_zones(camera_node, make_node, c
     truth = until(truths.poll)
     thumbnail = client.ask(CAMERA_REQUEST, CameraRequest(stamp_ns=1, action="thumbnail", views=[3]), **PLACE).payload
     source = MaskedSource(pair([ZONE])[0], {3: [ZONE]})
-    same = EncodedViews(source, CameraSettings(jpeg_quality=camera_settings.jpeg_quality, kept_mb=0))
+    same = FrameEncoder(source, CameraSettings(jpeg_quality=camera_settings.jpeg_quality, disk_cache_mb=0))
     assert frame.payload == same.newest(3).payload
     assert thumbnail == same.thumbnail(3, camera_settings.thumbnail_width_px)
     assert bytes(truth.payload) == bytes(
@@ -140,14 +141,14 @@ def test_what_a_camera_puts_holds_nothing_of_its_zones(camera_node, make_node, c
 
 def test_its_own_eyes_see_nothing_of_the_zones(camera_node, make_node, camera_settings):
     client = patient(make_node("test", "t", alive=False))
-    summaries = client.slot(CAMERA_SUMMARY, **PLACE)
+    summaries = client.latest(CAMERA_SUMMARY, **PLACE)
     said = []
     for building in pair([ZONE]):
-        eyes = Eyes(camera_node, building, camera_settings, Gossip)
+        perception = EdgePerception(camera_node, building, camera_settings, Gossip)
         for view in range(12):
-            eyes._looked_s = -1e9
-            eyes._look(view)
-        eyes._tell(1e9)
+            perception._examined_s = -1e9
+            perception._examine(view)
+        perception._publish(1e9)
         said.append(until(summaries.poll).message.labels)
     assert said[0] == said[1]
     assert len(said[0]) == 4
@@ -159,15 +160,15 @@ def test_a_file_that_cant_be_believed_stops_the_camera(camera_node, make_camera,
     with pytest.raises(ConfigError, match="expected 3 to"):
         CameraService(camera_node, make_camera(), bad)
     with pytest.raises(ConfigError, match="can't be read"):
-        masked(make_camera(), CameraSettings(masks=str(tmp_path / "none.yaml")))
+        hide_mask_zones(make_camera(), CameraSettings(masks=str(tmp_path / "none.yaml")))
 
 
 def test_without_zones_a_source_stays_itself(make_camera, camera_settings):
     camera = make_camera()
-    assert masked(camera, CameraSettings()) is camera
+    assert hide_mask_zones(camera, CameraSettings()) is camera
     other = make_camera()
     other.place = other.place.__class__("c2", "0", (0, 0, 0), 1.8)
-    assert masked(other, camera_settings) is other
+    assert hide_mask_zones(other, camera_settings) is other
 
 
 def test_what_is_kept_of_a_view_is_that_of_its_zones():

@@ -34,7 +34,7 @@ def test_a_view_is_put_once_a_version_and_only_to_listeners(camera_node, client,
     service = CameraService(camera_node, camera, CameraSettings())
     assert not service.step()
     assert camera.asked == [], "nobody listens: nothing is made"
-    slot = client.slot(CAMERA_FRAME, **PLACE, view=3)
+    slot = client.latest(CAMERA_FRAME, **PLACE, view=3)
     listened(service, 3)
     assert service.step()
     frame = until(slot.poll)
@@ -52,7 +52,7 @@ def test_a_view_is_put_once_a_version_and_only_to_listeners(camera_node, client,
 def test_what_is_asked_for_again_comes_again_without_being_made_again(camera_node, client, make_camera):
     camera = make_camera()
     service = CameraService(camera_node, camera, CameraSettings())
-    slot = client.slot(CAMERA_FRAME, **PLACE, view=2)
+    slot = client.latest(CAMERA_FRAME, **PLACE, view=2)
     listened(service, 2)
     service.step()
     until(slot.poll)
@@ -66,7 +66,7 @@ def test_a_view_without_a_picture_yet_waits(camera_node, client, make_camera):
     camera = make_camera()
     camera.versions[2] = None
     service = CameraService(camera_node, camera, CameraSettings())
-    slot = client.slot(CAMERA_FRAME, **PLACE, view=2)
+    slot = client.latest(CAMERA_FRAME, **PLACE, view=2)
     listened(service, 2)
     assert not service.step()
     thumbnail = CameraRequest(stamp_ns=1, action="thumbnail", views=[2])
@@ -86,8 +86,8 @@ def test_a_view_without_a_picture_yet_waits(camera_node, client, make_camera):
 def test_a_simulator_tells_what_each_pixel_shows_before_the_frame_to_who_listens(camera_node, client, make_camera):
     camera = make_camera()
     service = CameraService(camera_node, camera, CameraSettings())
-    truths = client.slot(TRUTH, source="camera-c1", view=3)
-    frames = client.slot(CAMERA_FRAME, **PLACE, view=3)
+    truths = client.latest(TRUTH, source="camera-c1", view=3)
+    frames = client.latest(CAMERA_FRAME, **PLACE, view=3)
     listened(service, 3)
     until(lambda: service._truths[3].matched)
     service.step()
@@ -101,8 +101,8 @@ def test_a_simulator_tells_what_each_pixel_shows_before_the_frame_to_who_listens
 
 def test_a_real_camera_tells_no_truth_even_to_who_listens(camera_node, client, make_camera):
     service = CameraService(camera_node, make_camera(real=True), CameraSettings())
-    truths = client.slot(TRUTH, source="camera-c1", view=3)
-    frames = client.slot(CAMERA_FRAME, **PLACE, view=3)
+    truths = client.latest(TRUTH, source="camera-c1", view=3)
+    frames = client.latest(CAMERA_FRAME, **PLACE, view=3)
     listened(service, 3)
     until(lambda: service._truths[3].matched)
     service.step()
@@ -121,8 +121,8 @@ def test_the_truth_of_a_picture_that_changed_meanwhile_is_not_told_of_the_old_on
 
     camera.latest = latest
     service = CameraService(camera_node, camera, CameraSettings())
-    truths = client.slot(TRUTH, source="camera-c1", view=3)
-    frames = client.slot(CAMERA_FRAME, **PLACE, view=3)
+    truths = client.latest(TRUTH, source="camera-c1", view=3)
+    frames = client.latest(CAMERA_FRAME, **PLACE, view=3)
     listened(service, 3)
     until(lambda: service._truths[3].matched)
     service.step()
@@ -149,8 +149,8 @@ def test_it_says_who_it_is_and_refuses_views_it_has_not(camera_node, client, mak
 def test_a_paused_camera_shows_nothing_and_then_everything_anew(camera_node, client, make_camera):
     camera = make_camera()
     service = CameraService(camera_node, camera, CameraSettings())
-    infos = client.slot(CAMERA_INFO, **PLACE)
-    slot = client.slot(CAMERA_FRAME, **PLACE, view=3)
+    infos = client.latest(CAMERA_INFO, **PLACE)
+    slot = client.latest(CAMERA_FRAME, **PLACE, view=3)
     listened(service, 3)
     assert service.step()
     until(slot.poll)

@@ -7,7 +7,7 @@ import pytest
 from surveilnav.camera_plan import CameraPlan, PlannedCamera
 from surveilnav.errors import ConfigError
 from surveilnav.geometry import Pinhole
-from surveilnav.services.camera_node.slots import lease, named
+from surveilnav.services.camera_node.slots import find_camera, lease
 from tests.waiting import until
 
 PLAN = CameraPlan(
@@ -37,6 +37,6 @@ def test_each_gets_a_camera_of_its_own_and_gives_it_back(bus, make_node):
 
 
 def test_a_camera_by_name():
-    assert named(PLAN, "c2") is PLAN.cameras[1]
+    assert find_camera(PLAN, "c2") is PLAN.cameras[1]
     with pytest.raises(ConfigError, match=r"no camera 'c9' .* \['c1', 'c2'\]"):
-        named(PLAN, "c9")
+        find_camera(PLAN, "c9")

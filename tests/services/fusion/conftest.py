@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from surveilnav.geometry import Matrix4, Pinhole, camera_pose
-from surveilnav.sensing.views import Detected, PosedView, ViewPerception
+from surveilnav.sensing.views import DetectedObject, PosedView, ViewPerception
 
 Box = tuple[tuple[float, float, float], tuple[float, float, float]]
 
@@ -65,7 +65,7 @@ class World:
 
     def detect(
         self, view: PosedView, name: str, label: str, score: float, embedding: NDArray[np.float32]
-    ) -> Detected | None:
+    ) -> DetectedObject | None:
         """A perfect mask of a box, called ``label``."""
         T = view.T_world_camera.copy()
         T[2, 3] = view.mounting_offset_m
@@ -75,7 +75,7 @@ class World:
         y0, y1, x0, x1 = rows.min(), rows.max() + 1, cols.min(), cols.max() + 1
         mask = np.zeros((y1 - y0, x1 - x0), np.bool_)
         mask[rows - y0, cols - x0] = True
-        return Detected(label, score, (float(x0), float(y0), float(x1), float(y1)), mask, embedding)
+        return DetectedObject(label, score, (float(x0), float(y0), float(x1), float(y1)), mask, embedding)
 
 
 def unit(i: int, dim: int = 8) -> NDArray[np.float32]:
@@ -83,7 +83,7 @@ def unit(i: int, dim: int = 8) -> NDArray[np.float32]:
     return np.eye(dim, dtype=np.float32)[i]
 
 
-def seen(*detections: Detected | None, image: NDArray[np.float32] | None = None) -> ViewPerception:
+def seen(*detections: DetectedObject | None, image: NDArray[np.float32] | None = None) -> ViewPerception:
     """What perception says."""
     return ViewPerception("test", tuple(d for d in detections if d), unit(7) if image is None else image)
 

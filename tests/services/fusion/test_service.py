@@ -39,7 +39,7 @@ from surveilnav.sensing.packing import (
     unpack_array,
     unpack_embedding,
 )
-from surveilnav.sensing.views import Detected, ViewPerception
+from surveilnav.sensing.views import DetectedObject, ViewPerception
 from surveilnav.services.fusion.config import FusionSettings
 from surveilnav.services.fusion.core import FusionConfig, JointMap
 from surveilnav.services.fusion.core.warm_up import warm_up
@@ -168,7 +168,7 @@ class Worker:
 
     def reply(self, source: str, view: int, seq: int) -> InferReply:
         look = np.eye(4, dtype=np.float32)
-        chair = Detected("chair", 0.8, (60.0, 60.0, 100.0, 110.0), None, look[0])
+        chair = DetectedObject("chair", 0.8, (60.0, 60.0, 100.0, 110.0), None, look[0])
         detections, image = perception_to_wire(ViewPerception("fake", (chair,), look[seq % 4]))
         return InferReply(
             stamp_ns=clock_ns(),
@@ -666,7 +666,7 @@ def test_a_store_that_lost_events_does_not_shorten_a_history(scene, tmp_path):
 
 
 def test_where_a_robot_stands_is_followed_on_the_last_floor_that_there_is_room_for(scene, monkeypatch):
-    monkeypatch.setattr("surveilnav.services.fusion.intake.robot_places._MAX_FLOORS", 1)
+    monkeypatch.setattr("surveilnav.services.fusion.intake.robot_positions._MAX_FLOORS", 1)
     scene.start()
     for x in (1.0, 1.5):
         scene.robot.observe(x=x)

@@ -10,14 +10,16 @@ import threading
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from typing import Any
+from unittest.mock import MagicMock
 
 import httpx
 import msgspec
 import pytest
 
-from surveilnav import contract
+from surveilnav import contract, rest
 from surveilnav.bus import Node, clock_ns
 from surveilnav.services.gateway import tiles
+from surveilnav.services.gateway.service import Gateway
 from surveilnav.services.gateway.stream_sources import LiveStates
 from surveilnav.services.gateway.tiles import CameraTiles
 from tests.services.gateway.streams import blocks, within
@@ -90,6 +92,10 @@ def test_the_state_of_everything_and_then_what_changes(client, building):
         assert client.get("/api/v1/missions/nobodys/traffic").status_code == 404
         building.put_status(msgspec.structs.replace(status, stamp_ns=clock_ns(), state="done", step=4))
         until(lambda: live.known["mission", id]["state"] == "done")
+
+
+def test_the_client_knows_every_kind_that_is_sent():
+    assert Gateway._live_resources(MagicMock()).keys() == rest.LIVE_RESOURCES.keys()
 
 
 def test_what_only_was_heard_of_again_is_no_news(client, building):

@@ -18,9 +18,9 @@ from surveilnav.contract import PERCEPTION_INFER
 from surveilnav.errors import PerceptionError, TargetError
 from surveilnav.geometry import Pinhole
 from surveilnav.messages import InferRequest, ModelIds
-from surveilnav.perception.backend import Backend, Stage, Work
+from surveilnav.perception.backend import Backend, Stage, ViewTask
 from surveilnav.sensing.packing import encode_rgbd
-from surveilnav.sensing.views import Detected, ViewPerception
+from surveilnav.sensing.views import DetectedObject, ViewPerception
 from surveilnav.services.perception.config import PerceptionSettings
 from surveilnav.services.perception.service import PerceptionService
 from tests.waiting import patient
@@ -52,23 +52,23 @@ class Scripted(Backend):
         self.text_batches: list[int] = []
         self.stages = (Stage("detect", self._detect), Stage("embed", self._embed))
 
-    def _pass(self, stage: str, batch: Sequence[Work]) -> None:
+    def _pass(self, stage: str, batch: Sequence[ViewTask]) -> None:
         if batch[0].key == ("probe",):
             return
-        shades = [int(work.view.rgb[0, 0, 0]) for work in batch]
+        shades = [int(task.view.rgb[0, 0, 0]) for task in batch]
         self.batches[stage].append(shades)
         assert self.let[stage].wait(20)
         if self.bad & set(shades):
             raise PerceptionError("a bad picture")
 
-    def _detect(self, batch: Sequence[Work]) -> None:
+    def _detect(self, batch: Sequence[ViewTask]) -> None:
         self._pass("detect", batch)
 
-    def _embed(self, batch: Sequence[Work]) -> None:
+    def _embed(self, batch: Sequence[ViewTask]) -> None:
         self._pass("embed", batch)
-        for work in batch:
-            thing = Detected("chair", 0.9, self.box_px, None, np.eye(DIM, dtype=np.float32)[0])
-            work.seen = ViewPerception(self.name, (thing,), self.embedding)
+        for task in batch:
+            thing = DetectedObject("chair", 0.9, self.box_px, None, np.eye(DIM, dtype=np.float32)[0])
+            task.result = ViewPerception(self.name, (thing,), self.embedding)
 
     def embed_texts(self, texts: Sequence[str]) -> np.ndarray:
         if "flux capacitor" in texts:

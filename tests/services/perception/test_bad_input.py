@@ -15,7 +15,7 @@ import zenoh
 
 from surveilnav.bus import BusSettings, Refused
 from surveilnav.contract import PERCEPTION_INFER, PERCEPTION_TEXT, schema_of
-from surveilnav.messages import InferRequest, Part
+from surveilnav.messages import InferRequest, PayloadPart
 from surveilnav.perception.models import CATALOGUE
 from surveilnav.words import MAX_WORDS
 
@@ -60,8 +60,8 @@ REQUESTS = {
     "no camera": ({"prompts": ["tv"], "camera": None}, "bad_message"),
     "no picture": ({"prompts": ["tv"], "image": None}, "bad_message"),
     "a depth range that can't be": ({"prompts": ["tv"], "depth_range_m": (5.0, 0.5)}, "bad_message"),
-    "parts that don't add up": ({"prompts": ["tv"], "image": Part("jpeg", 3)}, "bad_message"),
-    "a part of less than nothing": ({"prompts": ["tv"], "image": Part("jpeg", -3)}, "bad_message"),
+    "parts that don't add up": ({"prompts": ["tv"], "image": PayloadPart("jpeg", 3)}, "bad_message"),
+    "a part of less than nothing": ({"prompts": ["tv"], "image": PayloadPart("jpeg", -3)}, "bad_message"),
 }
 TEXTS = {
     "none": ([], "bad_message"),
@@ -86,7 +86,7 @@ def worker(make_worker, scripted, request_of):
 def test_pictures(name, worker, request_of):
     asked, payload = request_of(10, prompts=["tv"])
     image = PICTURES[name]
-    bad = msgspec.structs.replace(asked, image=Part("jpeg", len(image)))
+    bad = msgspec.structs.replace(asked, image=PayloadPart("jpeg", len(image)))
     with pytest.raises(Refused) as error:
         worker.ask((bad, image + payload[asked.image.n_bytes :]))
     assert error.value.name == "bad_message"

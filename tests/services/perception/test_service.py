@@ -17,8 +17,8 @@ import pytest
 from surveilnav.bus import BusSettings, Node, Refused, clock_ns
 from surveilnav.contract import PERCEPTION_INFER, PERCEPTION_LOAD, PERCEPTION_TEXT, TRUTH
 from surveilnav.geometry import Pinhole
-from surveilnav.messages import InferRequest, Part, Truth
-from surveilnav.perception.backend import Backend, Stage, Work
+from surveilnav.messages import InferRequest, PayloadPart, Truth
+from surveilnav.perception.backend import Backend, Stage, ViewTask
 from surveilnav.sensing.packing import encode_rgbd, pack_array, perception_from_wire, unpack_embedding
 from surveilnav.sensing.views import ViewPerception
 from surveilnav.services.perception.config import PerceptionSettings
@@ -40,12 +40,12 @@ class Patient(Backend):
         self.started = threading.Event()
         self.stages = (Stage("look", self._look),)
 
-    def _look(self, batch: Sequence[Work]) -> None:
+    def _look(self, batch: Sequence[ViewTask]) -> None:
         if batch[0].key != ("probe",):
             self.started.set()
             assert self.let.wait(10)
-        for work in batch:
-            work.seen = ViewPerception(self.name, (), np.array([1, 0, 0, 0], np.float32))
+        for task in batch:
+            task.result = ViewPerception(self.name, (), np.array([1, 0, 0, 0], np.float32))
 
     def embed_texts(self, texts: Sequence[str]) -> np.ndarray:
         return np.eye(4, dtype=np.float32)[[len(t) % 4 for t in texts]]
@@ -149,7 +149,7 @@ def test_a_full_queue_refuses_and_a_deadline_is_kept_while_a_stage_is_stuck(bus:
 @pytest.mark.parametrize(
     "changes",
     [
-        {"image": Part("jpeg", 3)},
+        {"image": PayloadPart("jpeg", 3)},
         {"camera": None},
         {"camera": Pinhole.from_hfov(99, 48, 1.0)},
         {"depth_range_m": (0.0, 0.0)},

@@ -17,7 +17,7 @@ from surveilnav.messages import InferRequest, Truth
 from surveilnav.sensing.packing import pack_array
 from surveilnav.services.perception import __main__ as main
 from surveilnav.simulator.truth.backends import Oracle
-from surveilnav.stored import write_parts
+from surveilnav.storage import write_parts
 
 
 def submit_in_order(pool, worker, until, requests):
@@ -218,7 +218,7 @@ def test_other_prompts_need_another_look_only_where_they_are_what_is_found(
         ("camera/c", {"simulated": True}, [[10]]),
         ("robot/r", {"simulated": True}, [[10], [10]]),
         ("camera/c", {"simulated": False}, [[10], [10]]),
-        ("camera/c", {"simulated": True, "kept_mb": 0}, [[10], [10]]),
+        ("camera/c", {"simulated": True, "disk_cache_mb": 0}, [[10], [10]]),
     ],
 )
 def test_a_simulated_camera_view_is_looked_at_in_one_run_alone(

@@ -31,7 +31,7 @@ def test_a_detector_with_words_of_its_own_refuses_other_targets(make_worker, scr
 
 def test_a_word_that_is_too_long_for_the_detector_is_refused(make_worker, scripted):
     backend = scripted()
-    backend.refuses = lambda word: "too long for this detector" if len(word) > 20 else ""
+    backend.refusal = lambda word: "too long for this detector" if len(word) > 20 else ""
     worker = make_worker(backend)
     assert len(embedded(worker, value_prompt("chair"))) == 1
     with pytest.raises(Refused, match="too long for this detector") as error:

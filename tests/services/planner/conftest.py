@@ -11,7 +11,7 @@ import pytest
 
 from surveilnav.geometry import Grid
 from surveilnav.messages import ObjectRecord, Stair
-from surveilnav.services.planner.core import MapView, MissionState, PlannerConfig, RobotView, step
+from surveilnav.services.planner.core import FloorMaps, MissionState, PlannerConfig, RobotView, step
 
 R = 0.05
 CHAR_M = 0.25  # one character of a drawing is 5 x 5 cells
@@ -131,7 +131,9 @@ class World:
         beside = cv2.dilate(1 - self.explored, np.ones((3, 3), np.uint8))
         frontier = ((self.explored == 1) & (wall == 0) & (beside == 1)).astype(np.uint8)
         occupancy, explored = self.occupancy.copy(), self.explored.copy()
-        return MapView(self.floor, 0.0, self.grid, occupancy, explored, frontier, self.value, self.objects(), self.seq)
+        return FloorMaps(
+            self.floor, 0.0, self.grid, occupancy, explored, frontier, self.value, self.objects(), self.seq
+        )
 
     def robot(self):
         return RobotView(

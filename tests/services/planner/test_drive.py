@@ -10,7 +10,7 @@ import pytest
 
 from surveilnav.geometry import Grid
 from surveilnav.robot_body import clearance_m
-from surveilnav.services.planner.core import MapView, MissionState, PlannerConfig, RobotView
+from surveilnav.services.planner.core import FloorMaps, MissionState, PlannerConfig, RobotView
 from surveilnav.services.planner.core.motion.drive import FmmPlanner, bearing_error_rad, turn_towards
 from surveilnav.services.planner.core.motion.terrain import build_terrain
 
@@ -23,7 +23,7 @@ def explored(occupied=None):
     occupied = np.zeros(GRID.shape, np.uint8) if occupied is None else occupied
     grid = replace(GRID, rows=occupied.shape[0], cols=occupied.shape[1])
     rest = np.ones_like(occupied), np.zeros_like(occupied), np.full(occupied.shape, np.nan)
-    return MapView("0", 0.0, grid, occupied, *rest, [], 1)
+    return FloorMaps("0", 0.0, grid, occupied, *rest, [], 1)
 
 
 def terrain_with(speed):

@@ -13,7 +13,7 @@ import pytest
 
 from surveilnav.geometry import Grid
 from surveilnav.messages import Candidate
-from surveilnav.services.planner.core import MapView, MissionState, PlannerConfig, RobotView, step
+from surveilnav.services.planner.core import FloorMaps, MissionState, PlannerConfig, RobotView, step
 from surveilnav.services.planner.core.behaviours.approach_object import _describe, approach_object
 from surveilnav.services.planner.core.behaviours.follow_route import follow_route
 from surveilnav.services.planner.core.context import StepContext
@@ -56,7 +56,7 @@ def maps(frontier_cells=(), value=None, objects=(), occupancy=None):
         frontier[row, col] = 1
     value = np.full(GRID.shape, np.nan, np.float32) if value is None else value
     occupancy = np.zeros(GRID.shape, np.uint8) if occupancy is None else occupancy
-    return MapView("0", 0.0, GRID, occupancy, np.ones(GRID.shape, np.uint8), frontier, value, objects, 1)
+    return FloorMaps("0", 0.0, GRID, occupancy, np.ones(GRID.shape, np.uint8), frontier, value, objects, 1)
 
 
 def two_frontiers(near_value, far_value):
@@ -346,7 +346,7 @@ def test_exploring_near_by_may_be_worth_more_than_a_faint_candidate_far_away(mak
     frontier[10:30, 40] = 1
     nothing, explored = np.zeros(grid.shape, np.uint8), np.ones(grid.shape, np.uint8)
     candidate = make_record(at=(1.0 + far_m, 1.0), confidence=confidence)
-    m = MapView("0", 0.0, grid, nothing, explored, frontier, np.full(grid.shape, np.nan, np.float32), [candidate], 1)
+    m = FloorMaps("0", 0.0, grid, nothing, explored, frontier, np.full(grid.shape, np.nan, np.float32), [candidate], 1)
     state = MissionState("chair", floor="0")
     state.here.scan_turns_left = 0
     here = RobotView(1, 1.0, 1.0, 0.0, 0.0, "0", False, None, 0.0)

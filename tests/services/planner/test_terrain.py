@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from surveilnav.geometry import Grid
-from surveilnav.services.planner.core import FloorMemory, MapView, MissionState, PlannerConfig, RobotView
+from surveilnav.services.planner.core import FloorMaps, FloorMemory, MissionState, PlannerConfig, RobotView
 from surveilnav.services.planner.core.motion.drive import FmmPlanner, descend, next_action
 from surveilnav.services.planner.core.motion.terrain import build_terrain, coarse_travel_time_m, travel_time_m
 
@@ -307,7 +307,7 @@ def test_goal_in_an_obstacle_is_no_way():
 def _maps(grid, occupancy):
     explored = np.ones(grid.shape, np.uint8)
     value = np.full(grid.shape, np.nan, np.float32)
-    return MapView("0", 0.0, grid, occupancy, explored, np.zeros(grid.shape, np.uint8), value, [], 1)
+    return FloorMaps("0", 0.0, grid, occupancy, explored, np.zeros(grid.shape, np.uint8), value, [], 1)
 
 
 def _robot(x, y, yaw=0.0):

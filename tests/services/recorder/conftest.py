@@ -25,7 +25,7 @@ from surveilnav.services.recorder.core.bus_message import BusMessage
 CAMERA = Pinhole.from_hfov(32, 24, 1.4)
 
 
-def picture(seq: int) -> tuple[bytes, m.Part, m.Part]:
+def picture(seq: int) -> tuple[bytes, m.PayloadPart, m.PayloadPart]:
     """(payload, image, depth) of a small picture."""
     rgb = np.full((24, 32, 3), (seq * 40 % 256, 90, 30), np.uint8)
     return encode_rgbd(rgb, np.full((24, 32), 2.0, np.float32), depth_range_m=(0.1, 10.0))

@@ -22,13 +22,14 @@ from surveilnav.contract import (
 )
 from surveilnav.geometry import Pinhole, yaw_of
 from surveilnav.messages import Command, Halt, MissionStatus, RobotStatus, Stair
+from surveilnav.robot_state import RobotState
 from surveilnav.sensing.packing import decode_frame
 from surveilnav.sensing.truth import truth_from_wire
 from surveilnav.sensing.views import TrueInstances
-from surveilnav.services.robot_node.bodies.body import Look
+from surveilnav.services.robot_node.bodies.body import Observation
 from surveilnav.services.robot_node.config import RobotSettings
-from surveilnav.services.robot_node.core import Halted, RobotState, camera_pose_of
-from surveilnav.services.robot_node.halting import Halting
+from surveilnav.services.robot_node.core import HaltState
+from surveilnav.services.robot_node.halt_switch import HaltSwitch
 from surveilnav.services.robot_node.service import RobotService
 from tests.waiting import patient, until, until_heard
 
@@ -68,10 +69,10 @@ class Body:
         self.halts += 1
 
     def observe(self):
-        T, s = camera_pose_of(self.state, 0.7), self.state
+        T, s = self.state.camera_pose(0.7), self.state
         truth = None if self.real else TrueInstances(np.full((8, 8), 5, np.uint16), {5: "bed"}, T)
         rgb, depth_m = np.full((8, 8, 3), 40 + s.seq, np.uint8), np.full((8, 8), 2.0, np.float32)
-        return Look(s, T, Pinhole.from_hfov(8, 8, 1.0), 0.7, (0.5, 5.0), rgb, depth_m, truth)
+        return Observation(s, T, Pinhole.from_hfov(8, 8, 1.0), 0.7, (0.5, 5.0), rgb, depth_m, truth)
 
 
 @pytest.fixture
@@ -104,7 +105,7 @@ def command(client):
 
 def test_it_says_what_it_did_in_status_and_observation_alike(robot, client, command):
     service = robot(Body())
-    observations = client.slot(ROBOT_OBSERVATION, robot="r1")
+    observations = client.latest(ROBOT_OBSERVATION, robot="r1")
     status = client.ask(ROBOT_STATUS, robot="r1").message
     assert (status.seq, status.last_action, status.collided, status.path_m) == (0, None, False, 0.0)
     assert status.stairs == [STAIR]
@@ -209,8 +210,8 @@ def test_without_a_command_before_the_deadline_it_says_that_it_stopped(robot, cl
 
 def test_an_observation_that_nobody_follows_up_comes_again(robot, client):
     service = robot(Body())
-    slot = client.slot(ROBOT_OBSERVATION, robot="r1")
-    until(lambda: service._observation.matched)
+    slot = client.latest(ROBOT_OBSERVATION, robot="r1")
+    until(lambda: service._observations.matched)
     service.step()
     first = until(slot.poll)
 
@@ -226,8 +227,8 @@ def test_an_observation_that_nobody_follows_up_comes_again(robot, client):
 @pytest.mark.parametrize("real", [False, True])
 def test_only_a_simulator_tells_what_each_pixel_shows(robot, client, real):
     service = robot(Body(real))
-    truths, slot = client.slot(TRUTH, source="robot-r1", view=0), client.slot(ROBOT_OBSERVATION, robot="r1")
-    until(lambda: service._truth.matched and service._observation.matched)
+    truths, slot = client.latest(TRUTH, source="robot-r1", view=0), client.latest(ROBOT_OBSERVATION, robot="r1")
+    until(lambda: service._truths.matched and service._observations.matched)
     service.step()
     seen = until(slot.poll)
     if real:
@@ -313,27 +314,27 @@ def test_another_halts_reason_is_cut(robot, client):
 
 def test_a_halt_outlives_the_process(tmp_path):
     store = str(tmp_path / "robot.bin")
-    Halting(store).set(True, "smoke")
-    again = Halting(store)
-    assert (again.now.halted, again.now.reason) == (True, "smoke")
+    HaltSwitch(store).set(True, "smoke")
+    again = HaltSwitch(store)
+    assert (again.state.halted, again.state.reason) == (True, "smoke")
     again.set(False, "")
-    assert not Halting(store).now.halted
-    Halting(store).set(True, "")
-    assert Halting(store).now == Halted(True, "")
+    assert not HaltSwitch(store).state.halted
+    HaltSwitch(store).set(True, "")
+    assert HaltSwitch(store).state == HaltState(True, "")
 
 
 def test_a_halt_that_cant_be_kept_still_stops_the_robot(tmp_path):
     (tmp_path / "file").write_text("no folder")
-    halting = Halting(str(tmp_path / "file" / "robot.bin"))
-    halting.set(True, "smoke")
-    assert halting.now.halted
-    halting.set(False, "")
-    assert not halting.now.halted
+    switch = HaltSwitch(str(tmp_path / "file" / "robot.bin"))
+    switch.set(True, "smoke")
+    assert switch.state.halted
+    switch.set(False, "")
+    assert not switch.state.halted
 
 
 def test_a_robot_that_was_halted_comes_back_halted(robot, client, command, tmp_path):
     store = str(tmp_path / "robot.bin")
-    Halting(store).set(True, "smoke")
+    HaltSwitch(store).set(True, "smoke")
     robot(Body(), store=store)
     with pytest.raises(Refused, match="smoke"):
         command("move_forward", 0)

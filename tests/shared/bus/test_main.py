@@ -9,7 +9,7 @@ import sys
 import pytest
 import structlog
 
-from surveilnav.bus.main import ENDS_WITH_STDIN, warm
+from surveilnav.bus.main import ENDS_WITH_STDIN, run_warm_up
 
 _PROGRAM = """
 import sys, time
@@ -44,7 +44,7 @@ def test_a_warm_up_that_fails_keeps_no_service_from_starting():
         raise ZeroDivisionError("no room")
 
     with structlog.testing.capture_logs() as said:
-        warm(warm_up)
-        warm(lambda: None)
+        run_warm_up(warm_up)
+        run_warm_up(lambda: None)
     assert [line["log_level"] for line in said] == ["info", "warning", "info", "info"]
     assert said[1]["why"] == "ZeroDivisionError: no room"

@@ -17,7 +17,7 @@ def test_a_slot_keeps_only_the_newest(make_node, truth):
     sender, receiver = make_node("a", "a"), make_node("b", "b")
     publisher = sender.publisher(TRUTH, source="robot-r1", view=0)
     assert not publisher.matched
-    slot = receiver.slot(TRUTH, source="robot-r1", view=0)
+    slot = receiver.latest(TRUTH, source="robot-r1", view=0)
     until(lambda: publisher.matched)
     for seq in range(20):
         publisher.put(truth(seq), b"x" * 100_000)
@@ -55,7 +55,7 @@ HOSTILE = [
 def test_hostile_puts_are_counted_and_dropped(make_node, status, stranger):
     node, sender = make_node("b", "b"), make_node("x", "x", alive=False)
     table = node.table(ROBOT_STATUS)
-    slot = node.slot(ROBOT_OBSERVATION, robot="r1")
+    slot = node.latest(ROBOT_OBSERVATION, robot="r1")
     for payload, mime, schema in HOSTILE:
         encoding = zenoh.Encoding(mime).with_schema(schema)
         stranger.put(node.key(ROBOT_STATUS, robot="r1"), payload, encoding=encoding)
@@ -74,7 +74,7 @@ def test_hostile_puts_are_counted_and_dropped(make_node, status, stranger):
 def test_bytes_offered_delivered_and_on_the_wire_agree(make_node, truth):
     sender, receiver = make_node("a", "a"), make_node("b", "b")
     publisher = sender.publisher(TRUTH, source="robot-r1", view=0)
-    slot = receiver.slot(TRUTH, source="robot-r1", view=0)
+    slot = receiver.latest(TRUTH, source="robot-r1", view=0)
     until(lambda: publisher.matched)
     before = sender.traffic_report().wire_sent_bytes
     for seq in range(10):

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from surveilnav.perception.boxes import Boxes, agreed, merged, overlaps
+from surveilnav.perception.boxes import Boxes, merge_overlapping, overlaps, weighted_box_fusion
 from surveilnav.perception.detectors.coco import quarters
 from surveilnav.perception.vocabulary import COCO
 
@@ -41,7 +41,7 @@ def test_overlaps_against_a_literal_reference(seed: int) -> None:
 
 
 def test_one_thing_with_two_names_is_one_box_that_keeps_both_scores() -> None:
-    found = merged(
+    found = merge_overlapping(
         boxes(((0, 0, 100, 100), {"bed": 0.6}), ((2, 2, 101, 99), {"couch": 0.5}), ((200, 0, 260, 50), {"tv": 0.4})),
         0.6,
     )
@@ -54,31 +54,38 @@ def test_pieces_that_tiles_cut_go_into_the_whole_but_a_cushion_stays() -> None:
     cut = boxes(
         ((0, 0, 200, 100), {"couch": 0.8}), ((0, 0, 90, 100), {"couch": 0.4}), ((20, 20, 60, 60), {"teddy bear": 0.5})
     )
-    assert sorted(COCO[i] for i in merged(cut, 0.6, inside=0.8).scores.argmax(axis=1)) == ["couch", "teddy bear"]
-    assert len(merged(cut, 0.6)) == 3, "without tiles a small box in a large one is another thing"
+    assert sorted(COCO[i] for i in merge_overlapping(cut, 0.6, inside=0.8).scores.argmax(axis=1)) == [
+        "couch",
+        "teddy bear",
+    ]
+    assert len(merge_overlapping(cut, 0.6)) == 3, "without tiles a small box in a large one is another thing"
 
 
 @pytest.mark.parametrize(("alone", "expected"), [(0.0, 0.3), (0.5, 0.45), (1.0, 0.6)])
 def test_agreement_raises_and_silence_lowers(alone: float, expected: float) -> None:
-    both = agreed([boxes(((0, 0, 100, 100), {"tv": 0.6})), boxes(((5, 0, 105, 100), {"tv": 0.5}))], 0.5, alone)
+    both = weighted_box_fusion(
+        [boxes(((0, 0, 100, 100), {"tv": 0.6})), boxes(((5, 0, 105, 100), {"tv": 0.5}))], 0.5, alone
+    )
     assert len(both) == 1
-    assert both.best[0] == pytest.approx(0.55)
+    assert both.best_scores[0] == pytest.approx(0.55)
     assert 0 < both.xyxy[0, 0] < 5
-    single = agreed([boxes(((0, 0, 100, 100), {"tv": 0.6})), Boxes.empty(COCO)], 0.5, alone)
-    assert single.best[0] == pytest.approx(expected)
+    single = weighted_box_fusion([boxes(((0, 0, 100, 100), {"tv": 0.6})), Boxes.empty(COCO)], 0.5, alone)
+    assert single.best_scores[0] == pytest.approx(expected)
 
 
 def test_detectors_that_contradict_each_other_lower_both_classes() -> None:
-    one = agreed([boxes(((0, 0, 100, 100), {"bed": 0.6})), boxes(((0, 0, 100, 100), {"couch": 0.5}))], 0.5, 0.3)
+    one = weighted_box_fusion(
+        [boxes(((0, 0, 100, 100), {"bed": 0.6})), boxes(((0, 0, 100, 100), {"couch": 0.5}))], 0.5, 0.3
+    )
     assert len(one) == 1
-    assert one.best[0] == pytest.approx(0.3)
+    assert one.best_scores[0] == pytest.approx(0.3)
     assert COCO[int(one.scores[0].argmax())] == "bed"
 
 
 def test_nothing_found_by_anybody() -> None:
-    assert len(agreed([Boxes.empty(COCO), Boxes.empty(COCO)], 0.5, 0.3)) == 0
-    assert len(merged(Boxes.empty(COCO), 0.5)) == 0
-    assert len(Boxes.joined([Boxes.empty(COCO), Boxes.empty(COCO)])) == 0
+    assert len(weighted_box_fusion([Boxes.empty(COCO), Boxes.empty(COCO)], 0.5, 0.3)) == 0
+    assert len(merge_overlapping(Boxes.empty(COCO), 0.5)) == 0
+    assert len(Boxes.concatenate([Boxes.empty(COCO), Boxes.empty(COCO)])) == 0
 
 
 def test_clipping_drops_slivers() -> None:

@@ -11,19 +11,19 @@ from hypothesis import strategies as st
 
 from surveilnav.geometry import Pinhole
 from surveilnav.perception.backend import Backend, Stage
-from surveilnav.perception.chances import ChanceTable, ClassTerms, table_of, with_chances
+from surveilnav.perception.chances import ChanceTable, ClassTerms, chance_table, with_chances
 from surveilnav.perception.vocabulary import COCO
-from surveilnav.sensing.views import Detected, ViewPerception
+from surveilnav.sensing.views import DetectedObject, ViewPerception
 
 TABLE = ChanceTable(
     source="a test",
-    even=-1.0,
+    intercept=-1.0,
     slope=1.2,
     size=0.5,
     size_squared=-0.1,
     range=-0.4,
     camera=-0.3,
-    by_class={"bed": ClassTerms(even=-1.0, slope=-0.2, n=50), "odd": ClassTerms(0.0, -9.0, 1)},
+    by_class={"bed": ClassTerms(intercept=-1.0, slope=-0.2, n=50), "odd": ClassTerms(0.0, -9.0, 1)},
 )
 share = st.floats(0, 1)
 
@@ -59,12 +59,12 @@ def test_it_is_what_the_formula_says():
 
 
 def test_the_tables_that_there_are():
-    table = table_of("onnx-coco")
+    table = chance_table("onnx-coco")
     assert table is not None
     assert set(table.by_class) <= set(COCO)
     assert {"bed", "chair", "couch", "toilet", "tv", "potted plant"} <= set(table.by_class)
     assert table.slope > 0
-    assert table_of("eyes") is None
+    assert chance_table("eyes") is None
 
 
 def seen_by(table_, is_camera):
@@ -75,8 +75,8 @@ def seen_by(table_, is_camera):
     camera = Pinhole.from_hfov(64, 48, 1.2)
     vector = np.array([1.0, 0.0], np.float32)
     found = (
-        Detected("bed", 0.6, (20.0, 10.0, 30.0, 30.0), mask, vector),
-        Detected("tv", 0.5, (0.0, 0.0, 8.0, 8.0), None, vector),
+        DetectedObject("bed", 0.6, (20.0, 10.0, 30.0, 30.0), mask, vector),
+        DetectedObject("tv", 0.5, (0.0, 0.0, 8.0, 8.0), None, vector),
     )
     return camera, with_chances(ViewPerception("b", found, vector), depth_m, camera, table_, is_camera=is_camera)
 
@@ -96,11 +96,11 @@ class Judging(Backend):
     def __init__(self, seen):
         self.chances = TABLE
         self._seen = seen
-        self.stages = (Stage("look", self._look), Stage("judge", self.judge))
+        self.stages = (Stage("look", self._look), Stage("calibrate", self.assign_chances))
 
     def _look(self, batch):
-        for work in batch:
-            work.seen = self._seen
+        for task in batch:
+            task.result = self._seen
 
     def embed_texts(self, texts):
         raise NotImplementedError

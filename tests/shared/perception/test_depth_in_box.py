@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from surveilnav.geometry import Pinhole, camera_pose
-from surveilnav.perception.segmenters.depth_in_box import floor_of, mask_of
+from surveilnav.perception.segmenters.depth_in_box import find_floor, find_mask
 
 CAMERA = Pinhole.from_hfov(320, 240, math.radians(79))
 
@@ -51,7 +51,7 @@ def test_the_block_is_cut_out_of_floor_and_wall(pitch_deg: float, noise: float) 
     depth, block, _ = room(math.radians(pitch_deg), noise)
     box = box_around(block, margin=12)
     x0, y0, x1, y1 = (int(v) for v in box)
-    mask = mask_of(depth, box, floor_of(depth, CAMERA))
+    mask = find_mask(depth, box, find_floor(depth, CAMERA))
     assert mask is not None
     assert mask.shape == (y1 - y0, x1 - x0)
     truth = block[y0:y1, x0:x1]
@@ -64,7 +64,7 @@ def test_the_wall_seen_through_a_table_is_not_the_table() -> None:
     table = np.zeros((240, 320), bool)
     table[80:105, 60:240] = table[80:200, 60:75] = table[80:200, 225:240] = True
     depth[table] = 2.0
-    mask = mask_of(depth, (58.0, 78.0, 242.0, 202.0))
+    mask = find_mask(depth, (58.0, 78.0, 242.0, 202.0))
     assert mask is not None
     truth = table[78:202, 58:242]
     assert (mask & truth).sum() > 0.98 * mask.sum()
@@ -74,7 +74,7 @@ def test_the_wall_seen_through_a_table_is_not_the_table() -> None:
 @pytest.mark.parametrize("pitch_deg", [5, 0, -15, -30, -60])
 def test_the_floor_is_found_without_a_pose(pitch_deg: float) -> None:
     depth, block, floor = room(math.radians(pitch_deg), noise=1.0)
-    found = floor_of(depth, CAMERA)
+    found = find_floor(depth, CAMERA)
     assert found is not None
     seen = depth > 0
     assert (found & floor).sum() > 0.8 * (floor & seen).sum()
@@ -82,18 +82,18 @@ def test_the_floor_is_found_without_a_pose(pitch_deg: float) -> None:
 
 
 def test_no_floor_in_a_wall() -> None:
-    assert floor_of(np.full((240, 320), 2.0, np.float32), CAMERA) is None
-    assert floor_of(np.zeros((240, 320), np.float32), CAMERA) is None
+    assert find_floor(np.full((240, 320), 2.0, np.float32), CAMERA) is None
+    assert find_floor(np.zeros((240, 320), np.float32), CAMERA) is None
 
 
 def test_without_depth_the_whole_box_counts() -> None:
-    assert mask_of(np.zeros((240, 320), np.float32), (10, 10, 100, 100)) is None
+    assert find_mask(np.zeros((240, 320), np.float32), (10, 10, 100, 100)) is None
 
 
 def test_holes_in_depth_never_count() -> None:
     depth, _, _ = room(-0.3)
     depth[100:140, 140:180] = 0
-    mask = mask_of(depth, (0.0, 0.0, 320.0, 240.0), floor_of(depth, CAMERA))
+    mask = find_mask(depth, (0.0, 0.0, 320.0, 240.0), find_floor(depth, CAMERA))
     assert mask is not None
     assert not (mask & (depth == 0)).any()
 
@@ -103,7 +103,7 @@ def test_holes_in_depth_never_count() -> None:
 )
 def test_boxes_over_the_edge(box: tuple[float, float, float, float]) -> None:
     depth, _, _ = room(0.0)
-    mask = mask_of(depth, box)
+    mask = find_mask(depth, box)
     if mask is not None:
         assert mask.shape == (
             min(240, math.ceil(box[3])) - max(0, int(box[1])),

@@ -14,7 +14,7 @@ from surveilnav.geometry import Pinhole
 from surveilnav.perception.boxes import Boxes
 from surveilnav.perception.detectors.coco import CocoDetector, load
 from surveilnav.perception.embedders.class_space import ClassSpace
-from surveilnav.perception.pipeline import Pipeline
+from surveilnav.perception.pipeline import PipelineBackend
 from surveilnav.perception.runtime import Runtime
 from surveilnav.perception.segmenters.depth_in_box import DepthInBox
 from surveilnav.perception.sizes import extents_of
@@ -58,7 +58,7 @@ def test_every_family_finds_a_stop_sign_in_its_place(
     name: str, width: int, height: int, centre: tuple[int, int]
 ) -> None:
     backend = choose_backend("onnx-coco", detectors=[name], large_detectors=[name], download=False)
-    assert isinstance(backend, Pipeline)
+    assert isinstance(backend, PipelineBackend)
     (found,) = backend.detector.detect([stop_sign(width, height, centre, 90)], [()])
     at = COCO.index("stop sign")
     best = int(found.scores[:, at].argmax())
@@ -100,10 +100,10 @@ class Scripted:
         return Boxes(np.array(xyxy, np.float32).reshape(-1, 4), scores, COCO)
 
 
-def scripted(min_score: float) -> Pipeline:
+def scripted(min_score: float) -> PipelineBackend:
     """The backend ``onnx-coco`` around it."""
     parts = CocoDetector([Scripted()]), DepthInBox(), ClassSpace()
-    return Pipeline("onnx-coco", "", *parts, min_score=min_score, extents_m=extents_of(COCO))
+    return PipelineBackend("onnx-coco", "", *parts, min_score=min_score, extents_m=extents_of(COCO))
 
 
 @pytest.mark.parametrize("at", [(100, 100), (600, 600), (500, 900), (1100, 50), (1270, 1270)])
@@ -112,11 +112,11 @@ def test_tiles_give_each_thing_once_where_it_is(at: tuple[int, int]) -> None:
     x, y = at
     rgb[y : y + 120, x : x + 120] = (255, 0, 0)
     detector = Scripted()
-    found = CocoDetector([detector]).boxes_of(rgb)
+    found = CocoDetector([detector]).detect_one(rgb)
     assert len(detector.shown) == 5
     assert len(found) == 1
     np.testing.assert_allclose(found.xyxy[0], (x, y, min(1280, x + 120), min(1280, y + 120)), atol=1)
-    assert found.best[0] == pytest.approx(0.8)
+    assert found.best_scores[0] == pytest.approx(0.8)
 
 
 def test_pieces_that_tiles_cut_count_less_than_whole_things() -> None:
@@ -127,13 +127,13 @@ def test_pieces_that_tiles_cut_count_less_than_whole_things() -> None:
     rgb = np.zeros((1280, 1280, 3), np.uint8)
     rgb[100:220, 20:1260] = (255, 0, 0)
     rgb[800:900, 100:200] = (255, 0, 0)
-    found = CocoDetector([NearSighted()]).boxes_of(rgb)
-    np.testing.assert_allclose(found.best, [0.8, 0.4, 0.4], atol=1e-6)
+    found = CocoDetector([NearSighted()]).detect_one(rgb)
+    np.testing.assert_allclose(found.best_scores, [0.8, 0.4, 0.4], atol=1e-6)
 
 
 def test_only_the_first_detector_tiles_large_views() -> None:
     robots, first, second = Scripted(), Scripted(), Scripted()
-    CocoDetector([robots], [first, second]).boxes_of(np.zeros((1280, 1280, 3), np.uint8))
+    CocoDetector([robots], [first, second]).detect_one(np.zeros((1280, 1280, 3), np.uint8))
     assert (len(robots.shown), len(first.shown), len(second.shown)) == (0, 5, 1)
 
 
@@ -151,7 +151,7 @@ def test_a_thing_of_impossible_size_counts_less(range_m: float, score: float) ->
 
 def test_small_views_are_looked_at_once() -> None:
     detector = Scripted()
-    CocoDetector([detector]).boxes_of(np.zeros((480, 640, 3), np.uint8))
+    CocoDetector([detector]).detect_one(np.zeros((480, 640, 3), np.uint8))
     assert detector.shown == [(480, 640, 3)]
 
 

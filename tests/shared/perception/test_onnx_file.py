@@ -8,7 +8,7 @@ from typing import Any
 import onnxruntime
 import pytest
 
-from surveilnav.perception.detectors.onnx_file import session
+from surveilnav.perception.detectors.onnx_file import open_session
 from surveilnav.perception.runtime import Runtime
 
 CPU = "CPUExecutionProvider"
@@ -19,22 +19,22 @@ def opened(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     """What the session was opened with, where ONNX Runtime can use a GPU."""
     said: dict[str, Any] = {}
 
-    def open_session(path: str, options: Any, providers: Any) -> None:
+    def record(path: str, options: Any, providers: Any) -> None:
         said.update(threads=options.intra_op_num_threads, providers=providers)
 
     monkeypatch.setattr(onnxruntime, "get_available_providers", lambda: ["CUDAExecutionProvider", CPU])
-    monkeypatch.setattr(onnxruntime, "InferenceSession", open_session)
+    monkeypatch.setattr(onnxruntime, "InferenceSession", record)
     return said
 
 
 @pytest.mark.parametrize(("device", "number"), [("auto", "0"), ("cuda", "0"), ("cuda:1", "1")])
 def test_a_gpu_is_used_where_onnx_runtime_can(device: str, number: str, opened: dict[str, Any]) -> None:
-    session(Path("a.onnx"), Runtime(device, threads=3))
+    open_session(Path("a.onnx"), Runtime(device, threads=3))
     assert opened == {"threads": 3, "providers": [("CUDAExecutionProvider", {"device_id": number}), CPU]}
 
 
 def test_who_asks_for_the_processor_gets_it(opened: dict[str, Any]) -> None:
-    session(Path("a.onnx"), Runtime("cpu"))
+    open_session(Path("a.onnx"), Runtime("cpu"))
     assert opened["providers"] == [CPU]
 
 
@@ -42,5 +42,5 @@ def test_without_a_gpu_of_its_own_onnx_runtime_runs_on_the_processor(
     opened: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(onnxruntime, "get_available_providers", lambda: [CPU])
-    session(Path("a.onnx"), Runtime("cuda"))
+    open_session(Path("a.onnx"), Runtime("cuda"))
     assert opened["providers"] == [CPU]

@@ -42,7 +42,7 @@ def test_classes_have_the_names_of_coco():
 
 def test_names_have_numbers_and_any_spelling_finds_them():
     assert (len(COCO), COCO[0], COCO.index("toothbrush"), list(COCO)[62]) == (80, "person", 79, "tv")
-    assert COCO.known("Sofa") == "couch"
+    assert COCO.resolve_name("Sofa") == "couch"
     assert "sofa" not in COCO
     with pytest.raises(ValueError, match="COCO"):
         COCO.index("sofa")
@@ -69,7 +69,7 @@ def test_names_have_numbers_and_any_spelling_finds_them():
     ],
 )
 def test_people_s_words_are_understood_in_any_language(word, name):
-    assert COCO.known(word) == name
+    assert COCO.resolve_name(word) == name
 
 
 @pytest.mark.parametrize(
@@ -88,7 +88,7 @@ def test_people_s_words_are_understood_in_any_language(word, name):
 )
 def test_a_word_that_it_does_not_know_is_refused_with_the_nearest(word, near):
     with pytest.raises(TargetError, match="not in this model's vocabulary") as raised:
-        COCO.known(word)
+        COCO.resolve_name(word)
     assert ("nearest are" in str(raised.value)) == (near is not None)
     assert near is None or COCO.nearest(word)[0] == near
     assert near is None or near in str(raised.value)
@@ -96,9 +96,9 @@ def test_a_word_that_it_does_not_know_is_refused_with_the_nearest(word, near):
 
 def test_names_of_its_own_go_before_what_a_word_means_elsewhere():
     own = Vocabulary("OWN", ["table", "dining table", "chest of drawers"], meanings={"chest": "chest of drawers"})
-    assert own.known("table") == "table"
-    assert own.known("Esstisch") == "dining table"
-    assert own.known("Kommode") == own.known("chest") == "chest of drawers"
+    assert own.resolve_name("table") == "table"
+    assert own.resolve_name("Esstisch") == "dining table"
+    assert own.resolve_name("Kommode") == own.resolve_name("chest") == "chest of drawers"
     assert own.nearest("Komode") == ["chest of drawers"]
 
 
@@ -107,13 +107,13 @@ def test_names_of_its_own_go_before_what_a_word_means_elsewhere():
 @example("")
 @example("a b " * 75)
 def test_any_text_is_known_or_refused(text):
-    assert (COCO.understood(text) in COCO) == (COCO.understood(text) != "")
-    if not COCO.understood(text):
+    assert (COCO.find_name(text) in COCO) == (COCO.find_name(text) != "")
+    if not COCO.find_name(text):
         with pytest.raises(TargetError):
-            COCO.known(text)
+            COCO.resolve_name(text)
 
 
 def test_what_is_akin_in_meaning_comes_first():
     own = Vocabulary("OWN", ["oven", "kitten"], akin={"kitchen": ["oven"]})
     assert own.nearest("kitchen") == ["oven", "kitten"]
-    assert own.nearest("kitchen", most=1) == ["oven"]
+    assert own.nearest("kitchen", max_names=1) == ["oven"]

@@ -12,7 +12,7 @@ from onnx import TensorProto, helper, numpy_helper
 from surveilnav.errors import PerceptionError
 from surveilnav.geometry import Pinhole
 from surveilnav.perception import presets
-from surveilnav.perception.backend import Work
+from surveilnav.perception.backend import ViewTask
 from surveilnav.perception.detectors.yolo_world import YoloWorld, letterboxed
 from surveilnav.perception.embedders.class_space import ClassSpace
 from surveilnav.perception.protocols import RgbdView
@@ -76,7 +76,7 @@ def test_a_box_in_the_file_is_one_in_the_picture(tmp_path: Path, outputs: dict[s
     (found,) = detector.detect([wide], [["anything"]])
     assert found.labels == ["samovar"]
     np.testing.assert_allclose(found.xyxy, [[48, 22, 80, 38]], atol=1e-4)
-    assert found.best[0] == pytest.approx(0.9)
+    assert found.best_scores[0] == pytest.approx(0.9)
 
 
 def test_a_picture_lies_in_the_middle_of_grey() -> None:
@@ -121,8 +121,8 @@ def test_a_threshold_of_nothing_is_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, threshold: float | None, found: int
 ) -> None:
     path = export(tmp_path / "mine.onnx", dense((32, 32, 16, 8, 0.05, 0.0), (10, 10, 8, 8, 0.03, 0.0)))
-    monkeypatch.setattr(presets.parts, "embedder", lambda *_, **__: ClassSpace())
-    backend = presets.yolo_world(presets.Networks(detector=str(path), threshold=threshold), "for tests")
-    work = [Work(RgbdView(np.zeros((64, 64, 3), np.uint8), np.zeros((64, 64), np.float32), CAMERA))]
-    backend.stages[0].run(work)
-    assert len(work[0].boxes.xyxy) == found
+    monkeypatch.setattr(presets.parts, "load_embedder", lambda *_, **__: ClassSpace())
+    backend = presets.yolo_world(presets.NetworkSettings(detector=str(path), threshold=threshold), "for tests")
+    task = [ViewTask(RgbdView(np.zeros((64, 64, 3), np.uint8), np.zeros((64, 64), np.float32), CAMERA))]
+    backend.stages[0].run(task)
+    assert len(task[0].boxes.xyxy) == found

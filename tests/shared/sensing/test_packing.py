@@ -16,9 +16,9 @@ from hypothesis.extra import numpy as hnp
 
 from surveilnav.errors import WireError
 from surveilnav.geometry import Pinhole, Pose, camera_pose
-from surveilnav.messages import FrameHeader, InferReply, ModelIds, Part
+from surveilnav.messages import FrameHeader, InferReply, ModelIds, PayloadPart
 from surveilnav.sensing import packing
-from surveilnav.sensing.views import Detected, ViewPerception
+from surveilnav.sensing.views import DetectedObject, ViewPerception
 
 RANGE_M = (0.5, 5.0)
 CAMERA = Pinhole.from_hfov(64, 48, math.radians(79))
@@ -110,9 +110,9 @@ def test_frame_round_trip() -> None:
         ({"depth_range_m": (0.5, math.inf)}, "range"),
         ({"camera": Pinhole.from_hfov(48, 64, 1.0)}, "JPEG"),
         ({"camera": Pinhole.from_hfov(16384, 16384, 1.0)}, "pixels"),
-        ({"image": Part("jpeg", 10)}, "payload"),
-        ({"image": Part("jpeg", -5)}, "payload"),
-        ({"image": Part("depth-invq-zstd", 1)}, "parts"),
+        ({"image": PayloadPart("jpeg", 10)}, "payload"),
+        ({"image": PayloadPart("jpeg", -5)}, "payload"),
+        ({"image": PayloadPart("depth-invq-zstd", 1)}, "parts"),
         ({"T_world_camera": Pose((1e9, 0, 0), (0, 0, 0, 1))}, "position"),
     ],
 )
@@ -229,8 +229,8 @@ def reply(**changes: object) -> InferReply:
     seen = ViewPerception(
         "oracle",
         (
-            Detected("bed", 0.9, (10.2, 5.0, 30.5, 15.1), mask, unit(1), chance=0.25),
-            Detected("tv", 0.5, (0.0, 0.0, 64.0, 48.0), None, unit(2)),
+            DetectedObject("bed", 0.9, (10.2, 5.0, 30.5, 15.1), mask, unit(1), chance=0.25),
+            DetectedObject("tv", 0.5, (0.0, 0.0, 64.0, 48.0), None, unit(2)),
         ),
         unit(3),
     )

@@ -137,5 +137,5 @@ def test_a_disk_that_cannot_be_written_is_no_reason_to_stop(tmp_path, monkeypatc
     def full(*_: object) -> int:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("surveilnav.stored.write_parts", full)
+    monkeypatch.setattr("surveilnav.storage.write_parts", full)
     assert get(ViewCache(tmp_path)).depth_m.any()

@@ -12,15 +12,14 @@ from torch import Tensor
 
 from surveilnav.geometry import Pinhole
 from surveilnav.perception.boxes import overlaps
-from surveilnav.perception.detectors.compact import CompactNetwork, letterboxed
-from surveilnav.perception.detectors.compact import places as places_of_file
+from surveilnav.perception.detectors.compact import CompactNetwork, letterboxed, place_centres
 from surveilnav.perception.detectors.depth_channels import N_CHANNELS, depth_channels
 from surveilnav.perception.detectors.guided_mask import guided_mask
-from surveilnav.perception.detectors.onnx_file import session
+from surveilnav.perception.detectors.onnx_file import open_session
 from surveilnav.perception.models.card import card_of
-from surveilnav.perception.one_network import OneNetwork
 from surveilnav.perception.protocols import RgbdView
 from surveilnav.perception.runtime import Runtime
+from surveilnav.perception.single_network import SingleNetworkBackend
 from surveilnav.sensing.views import box_cells
 from training.detector import classes
 from training.detector.assign import Targets, assign, pairwise_iou
@@ -68,16 +67,16 @@ def test_it_keeps_its_budget(network: Compact) -> None:
 
 @pytest.mark.parametrize(("height", "width"), [(64, 96), (128, 64)])
 def test_shapes(network: Compact, height: int, width: int) -> None:
-    said = network(torch.rand(2, 3, height, width), torch.rand(2, N_CHANNELS, height // 2, width // 2))
+    output = network(torch.rand(2, 3, height, width), torch.rand(2, N_CHANNELS, height // 2, width // 2))
     L = sum(height // s * (width // s) for s in (8, 16, 32))
-    assert said.logits.shape == (2, L, C)
-    assert said.ltrb.shape == (2, L, 4)
-    assert (said.ltrb > 0).all()
-    assert said.prototypes.shape[2:] == (height // 4, width // 4)
-    assert said.coefficients.shape == (2, L, said.prototypes.shape[1])
-    assert said.near.shape == (2, C + R)
-    torch.testing.assert_close(said.embeddings.norm(dim=-1), torch.ones(2, L))
-    assert (places_of_file(height, width) == places(height, width)[0].numpy()).all()
+    assert output.logits.shape == (2, L, C)
+    assert output.ltrb.shape == (2, L, 4)
+    assert (output.ltrb > 0).all()
+    assert output.prototypes.shape[2:] == (height // 4, width // 4)
+    assert output.coefficients.shape == (2, L, output.prototypes.shape[1])
+    assert output.near.shape == (2, C + R)
+    torch.testing.assert_close(output.embeddings.norm(dim=-1), torch.ones(2, L))
+    assert (place_centres(height, width) == places(height, width)[0].numpy()).all()
 
 
 def random_boxes(n: int, seed: int) -> Tensor:
@@ -144,20 +143,20 @@ def test_its_file_says_what_it_says(network: Compact, tmp_path: Path) -> None:
     path = tmp_path / "compact.onnx"
     assert 4 * n_parameters(network) < export(network, path) <= 8_000_000
     view = some_view(0)
-    own = CompactNetwork(session(path, Runtime()), side_px=96)
-    answer = own.answer(view)
+    own = CompactNetwork(open_session(path, Runtime()), side_px=96)
+    answer = own.run(view)
     box, ratio = letterboxed(view.rgb, 96)
     assert box.shape == (64, 96, 3)
     depth = torch.zeros(1, N_CHANNELS, 32, 48)  # the picture fills all of the box's columns, all rows are its own, too
     depth[0] = torch.from_numpy(depth_channels(view.depth_m, view.camera, 48, 32)).permute(2, 0, 1)
     with torch.no_grad():
-        said = network(torch.from_numpy(box).permute(2, 0, 1)[None].float() / 255.0, depth)
+        output = network(torch.from_numpy(box).permute(2, 0, 1)[None].float() / 255.0, depth)
     assert own.classes == NAMES.names
-    np.testing.assert_allclose(answer.scores, said.logits[0].sigmoid().numpy(), atol=1e-4)
-    wanted = boxes_of(said.ltrb[0], places(*box.shape[:2])[0]).numpy() / ratio
+    np.testing.assert_allclose(answer.scores, output.logits[0].sigmoid().numpy(), atol=1e-4)
+    wanted = boxes_of(output.ltrb[0], places(*box.shape[:2])[0]).numpy() / ratio
     np.testing.assert_allclose(answer.xyxy, wanted, rtol=1e-3, atol=1e-2)
-    np.testing.assert_allclose(answer.image, said.image[0].numpy(), atol=1e-4)
-    np.testing.assert_allclose(answer.prototypes, said.prototypes[0].numpy(), atol=1e-3)
+    np.testing.assert_allclose(answer.image, output.image[0].numpy(), atol=1e-4)
+    np.testing.assert_allclose(answer.prototypes, output.prototypes[0].numpy(), atol=1e-3)
 
 
 def test_its_card_says_what_its_weights_are(network: Compact, tmp_path: Path) -> None:
@@ -178,7 +177,7 @@ def file(network: Compact, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_a_mask_is_that_of_its_place(file: Path) -> None:
     view = some_view(1)
-    answer = CompactNetwork(session(file, Runtime()), side_px=96).answer(view)
+    answer = CompactNetwork(open_session(file, Runtime()), side_px=96).run(view)
     logits = np.einsum("k,khw->hw", answer.coefficients[7], answer.prototypes).astype(np.float32)
     mask = answer.mask(7, (20, 12, 50, 40))
     assert mask.shape == (28, 30)
@@ -186,14 +185,14 @@ def test_a_mask_is_that_of_its_place(file: Path) -> None:
 
 
 def test_as_a_backend_it_answers_in_one_space(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("surveilnav.perception.one_network.MIN_SCORE", 0.0)
-    network = CompactNetwork(session(file, Runtime()), side_px=96)
-    backend = OneNetwork("compact", "in a test", network, "compact@0")
+    monkeypatch.setattr("surveilnav.perception.single_network.MIN_SCORE", 0.0)
+    network = CompactNetwork(open_session(file, Runtime()), side_px=96)
+    backend = SingleNetworkBackend("compact", "in a test", network, "compact@0")
     view = some_view(2)
     seen = backend.perceive(view.rgb, view.depth_m, view.camera)
     assert seen.words == NAMES.names
     assert seen.detections
-    best = network.answer(view)
+    best = network.run(view)
     tv, bed = backend.embed_texts(["seems like there is a TV", "bed"])
     vectors = np.stack([tv, bed, seen.image_embedding, *(d.embedding for d in seen.detections)])
     assert vectors.shape[1] == backend.embedding_dim == 128
@@ -203,18 +202,18 @@ def test_as_a_backend_it_answers_in_one_space(file: Path, monkeypatch: pytest.Mo
     for d in seen.detections:
         x0, y0, x1, y1 = box_cells(d.box_px, 90, 60)
         assert d.mask is None or d.mask.shape == (y1 - y0, x1 - x0)
-    assert "nearest are couch" in backend.refuses("couches")
-    assert backend.refuses("sofa") == ""
+    assert "nearest are couch" in backend.refusal("couches")
+    assert backend.refusal("sofa") == ""
     words = ("Kommode", "Couchtisch", "escalier", "モニター", "table")
-    assert [backend.understood(word) for word in words] == ["chest of drawers", "table", "stairs", "computer", "table"]
-    assert backend.understood("kitchen") == ""
+    assert [backend.find_name(word) for word in words] == ["chest of drawers", "table", "stairs", "computer", "table"]
+    assert backend.find_name("kitchen") == ""
     assert len(backend.vocabulary.nearest("kitchen")) == 3
 
 
 def test_one_thing_has_one_box_and_the_place_that_speaks_for_it(file: Path) -> None:
-    network = CompactNetwork(session(file, Runtime()), side_px=96)
-    answer = network.answer(some_view(3))
-    boxes, at = network.things(answer, 60, 90)
+    network = CompactNetwork(open_session(file, Runtime()), side_px=96)
+    answer = network.run(some_view(3))
+    boxes, at = network.boxes(answer, 60, 90)
     assert len(boxes) == len(at) > 0
     assert (boxes.xyxy >= 0).all()
     assert (boxes.xyxy <= [90, 60, 90, 60]).all()

@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from surveilnav.geometry import Pinhole
-from surveilnav.perception.boxes import Boxes, merged, overlaps
+from surveilnav.perception.boxes import Boxes, merge_overlapping, overlaps
 from surveilnav.perception.detectors.depth_channels import N_CHANNELS
 from training.detector import classes
 from training.detector.data import CANVAS, SMALL_CANVAS, Views, _framed, collate, plain, repeat_factors, varied
@@ -153,13 +153,13 @@ def test_it_learns_eight_views_by_heart(pack: Pack, tmp_path: Path) -> None:
     course = [training.one_step(batch)["loss"] for _ in range(120)]
     assert np.mean(course[-5:]) < 0.5 * np.mean(course[:5])
     with torch.no_grad():
-        said = training.mean(batch.pictures.float() / 255.0, batch.depth)
+        output = training.mean(batch.pictures.float() / 255.0, batch.depth)
     found = things = 0
     points, _ = places(256, 320)
     for i in range(8):
-        xyxy, scores = boxes_of(said.ltrb[i], points).numpy(), said.logits[i].sigmoid().numpy()
+        xyxy, scores = boxes_of(output.ltrb[i], points).numpy(), output.logits[i].sigmoid().numpy()
         keep = scores.max(axis=1) > 0.2
-        boxes = merged(Boxes(xyxy[keep], scores[keep], NAMES.names), 0.6)
+        boxes = merge_overlapping(Boxes(xyxy[keep], scores[keep], NAMES.names), 0.6)
         true = pack.view(i)
         iou, _ = overlaps(true.boxes, boxes.xyxy)
         right = np.array(boxes.labels)[None, :] == np.array(NAMES.names)[true.labels][:, None]

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from surveilnav.nouns import phrases_of
+from surveilnav.nouns import phrases_by_thing
 from surveilnav.perception.vocabulary import Vocabulary
 from surveilnav.simulator.furniture.labels import KINDS, TARGETS
 from training.detector import classes
@@ -52,13 +52,13 @@ def test_rooms_have_kinds(name: str, kind: str) -> None:
 
 def test_people_have_words_for_every_class_and_room_names_are_none() -> None:
     known = classes.load()
-    vocabulary, phrases = Vocabulary("compact", known.names, meanings=known.meanings), phrases_of()
+    vocabulary, phrases = Vocabulary("compact", known.names, meanings=known.meanings), phrases_by_thing()
     things: dict[str, list[str]] = {name: [name] for name in known.names}
     for word, name in known.meanings.items():
         things[name].append(word)
     for name in known.names:
         said = [phrase for thing in things[name] for phrase in phrases.get(thing, ())]
-        wrong = [phrase for phrase in said if vocabulary.understood(phrase) != name]  # words of two languages
+        wrong = [phrase for phrase in said if vocabulary.find_name(phrase) != name]  # words of two languages
         assert said, name
         assert len(wrong) <= max(1, 0.15 * len(said)), (name, wrong)
-    assert [room for room in known.rooms if vocabulary.understood(room) not in ("", room)] == []
+    assert [room for room in known.rooms if vocabulary.find_name(room) not in ("", room)] == []

@@ -1,1 +1,1 @@
-"""The geometry of a floor (point cloud, obstacle, explored and frontier grids) and its value map (eq. 2)."""
+"""The geometry of a floor (point cloud; obstacle, exploration and frontier maps), and its value map (eq. 2)."""

@@ -1,8 +1,9 @@
-"""Free-space carving: what a view sees through is not there (any more).
+"""Free-space carving: voxels that a view sees through are removed from the point cloud.
 
-A view sees through a voxel if all that it shows around the voxel's centre lies behind it, by the noise of depth and a
-margin. That is a relation of one view and one voxel, whatever else the map holds, so it may be asked when the view
-comes or when the voxel does: order doesn't matter as long as the views that came early are still kept (``FreeSpace``).
+A view sees through a voxel if everything that it shows around the voxel's centre lies farther away than the voxel, by more than
+the noise of depth and a margin. That depends on one view and one voxel only. So it can be tested when the view arrives, for the
+voxels that exist, or when a voxel arrives, for newer views that came before it. The result doesn't depend on the order of
+views as long as those views are still kept (``FreeDepthHistory``).
 """
 
 from __future__ import annotations
@@ -18,28 +19,27 @@ from numpy.typing import NDArray
 from surveilnav.geometry import inverse
 from surveilnav.sensing.views import PosedView
 from surveilnav.services.fusion.core.config import MapConfig
-from surveilnav.services.fusion.core.maps.voxels import FAR_CELLS
+from surveilnav.services.fusion.core.maps.voxels import COARSE_CELLS
 
 _COLS = 80  # cells across a picture
-_Camera = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Clearance:
-    """How far a view is free, in cells of a few pixels.
+class FreeDepthImage:
+    """Up to which depth the space in front of a view is free, by cells of a few pixels.
 
     Attributes:
-        order: (stamp_ns, source, view, seq): newer is larger.
-        camera: (20,) float64: T_camera_world (3, 4) row by row, fx, fy, cx, cy [px], pixels across a cell, the
-            nearest and the farthest depth [m] at which ``limit_m`` says something, 0.
-        limit_m: (rows, cols) float32: up to this depth all is free around a cell; 0: no statement.
-        far_m: the largest of ``limit_m`` around a coarse cell of a few: a quick no.
+        order: (stamp_ns, source, view, seq) of the view; a newer view compares greater.
+        camera: (20,) float64: T_camera_world (3, 4) row by row; fx, fy, cx, cy [px]; side of a cell [px]; the smallest and the
+            largest depth [m] for which ``free_depth_m`` says anything; 0.
+        free_depth_m: (rows, cols) float32: everything up to this depth is free in the cell and its neighbours; 0: unknown.
+        coarse_max_m: the maximum of ``free_depth_m`` in and around coarse cells of 2x2 cells, for fast rejection.
     """
 
     order: tuple[int, str, int, int]
-    camera: _Camera
-    limit_m: NDArray[np.float32]
-    far_m: NDArray[np.float32]
+    camera: NDArray[np.float64]
+    free_depth_m: NDArray[np.float32]
+    coarse_max_m: NDArray[np.float32]
 
     @property
     def stamp_ns(self) -> int:
@@ -47,16 +47,16 @@ class Clearance:
         return self.order[0]
 
     @classmethod
-    def from_view(cls, view: PosedView, config: MapConfig) -> Clearance:
-        """A view's clearance; a cell that is measured by less than half of its pixels says nothing."""
+    def from_view(cls, view: PosedView, config: MapConfig) -> FreeDepthImage:
+        """The free depths of a view. A cell in which fewer than half of the pixels have a depth says nothing."""
         pinhole = view.camera
         near_m, far_m = view.depth_range_m
         far_m = min(far_m, config.max_range_robot_m if view.is_robot else config.max_range_camera_m)
         cell_px = max(1, pinhole.width_px // _COLS)
-        # nearer than this a voxel is wider than the cells around its centre, which then say too little
+        # nearer than this, a voxel is wider than the cells around its centre, which then don't cover it
         near_m = max(near_m, 0.87 * config.voxel_m * pinhole.fx_px / cell_px)
         depth_m = np.ascontiguousarray(view.depth_m, dtype=np.float32)
-        limit_m = _limits(
+        free_depth_m = _free_depths(
             depth_m, cell_px, view.depth_range_m[0], far_m, config.carve_margin_m, 3 * config.depth_noise_per_m
         )
         camera = np.zeros(20)
@@ -68,77 +68,83 @@ class Clearance:
             pinhole.cy_px,
             cell_px,
             near_m,
-            limit_m.max(initial=0.0),
+            free_depth_m.max(initial=0.0),
         )
-        return cls((stamp_of(view), view.source, view.view, view.seq), camera, limit_m, _coarse(limit_m))
+        order = bounded_stamp_ns(view), view.source, view.view, view.seq
+        return cls(order, camera, free_depth_m, _coarse_max(free_depth_m))
 
     def state(self) -> dict[str, Any]:
-        """All of it, as plain arrays and numbers."""
-        return {"order": list(self.order), "camera": self.camera, "limit_m": self.limit_m}
+        """Everything as plain arrays and numbers, for ``from_state``."""
+        return {"order": list(self.order), "camera": self.camera, "free_depth_m": self.free_depth_m}
 
     @classmethod
-    def from_state(cls, state: dict[str, Any]) -> Clearance:
-        """What ``state`` describes."""
+    def from_state(cls, state: dict[str, Any]) -> FreeDepthImage:
+        """The image that ``state`` describes."""
         stamp_ns, source, view, seq = state["order"]
-        limit_m = np.ascontiguousarray(state["limit_m"], np.float32)
+        free_depth_m = np.ascontiguousarray(state["free_depth_m"], np.float32)
         camera = np.ascontiguousarray(state["camera"], np.float64)
-        return cls((int(stamp_ns), str(source), int(view), int(seq)), camera, limit_m, _coarse(limit_m))
+        order = int(stamp_ns), str(source), int(view), int(seq)
+        return cls(order, camera, free_depth_m, _coarse_max(free_depth_m))
 
 
-class FreeSpace:
-    """The clearances of the newest views of a floor, at most ``capacity``: for voxels that come late."""
+class FreeDepthHistory:
+    """The free depths of the ``capacity`` newest views of a floor, to carve voxels that arrive late."""
 
     def __init__(self, capacity: int) -> None:
         self._capacity = capacity
-        self._kept: list[Clearance] = []  # oldest first
+        self._images: list[FreeDepthImage] = []  # oldest first
 
     def __len__(self) -> int:
-        return len(self._kept)
+        return len(self._images)
 
-    def add(self, clearance: Clearance) -> None:
-        """Keeps a clearance; the oldest one goes."""
-        bisect.insort(self._kept, clearance, key=lambda c: c.order)
-        del self._kept[: max(0, len(self._kept) - self._capacity)]
+    def add(self, image: FreeDepthImage) -> None:
+        """Adds an image, and drops the oldest one if there are too many."""
+        bisect.insort(self._images, image, key=lambda i: i.order)
+        del self._images[: max(0, len(self._images) - self._capacity)]
 
-    def newer_than(self, stamp_ns: int) -> list[Clearance]:
-        """Clearances of views with a later stamp (the same stamp is not newer)."""
-        return self._kept[bisect.bisect_right(self._kept, stamp_ns, key=lambda c: c.stamp_ns) :]
+    def newer_than(self, stamp_ns: int) -> list[FreeDepthImage]:
+        """The images of views with a later stamp; those with the same stamp aren't newer."""
+        return self._images[bisect.bisect_right(self._images, stamp_ns, key=lambda i: i.stamp_ns) :]
 
     def state(self) -> dict[str, Any]:
-        """All of it, as plain arrays and numbers, for ``from_state``."""
-        return {"kept": [c.state() for c in self._kept]}
+        """Everything as plain arrays and numbers, for ``from_state``."""
+        return {"images": [image.state() for image in self._images]}
 
     @classmethod
-    def from_state(cls, state: dict[str, Any], capacity: int) -> FreeSpace:
-        """The ring that ``state`` describes."""
-        ring = cls(capacity)
-        for clearance in state["kept"]:
-            ring.add(Clearance.from_state(clearance))
-        return ring
+    def from_state(cls, state: dict[str, Any], capacity: int) -> FreeDepthHistory:
+        """The history that ``state`` describes."""
+        history = cls(capacity)
+        for image in state["images"]:
+            history.add(FreeDepthImage.from_state(image))
+        return history
 
 
-def stamp_of(view: PosedView) -> int:
-    """A view's stamp [ns], cut to 63 bits: what a remote says may be anything."""
+def bounded_stamp_ns(view: PosedView) -> int:
+    """A view's stamp [ns], limited to 63 bits, since a remote may send anything."""
     return max(-(2**62), min(2**62, view.stamp_ns))
 
 
 @njit(cache=True, nogil=True)
-def _limits(depth_m, cell_px, near_m, far_m, margin_m, noise_per_m):  # type: ignore[no-untyped-def]
-    """(rows, cols): the depth z with z + margin + noise z^2 = the nearest depth in the 3x3 cells around, or 0."""
+def _free_depths(depth_m, cell_px, near_m, far_m, margin_m, noise_per_m):  # type: ignore[no-untyped-def]
+    """(rows, cols) float32: up to which depth each cell is free.
+
+    It is the depth z with ``z + margin + noise z^2`` equal to the smallest depth in the 3x3 cells around; 0 where one of
+    these cells says nothing.
+    """
     rows, cols = depth_m.shape[0] // cell_px, depth_m.shape[1] // cell_px
     nearest = np.zeros((rows, cols), np.float32)
     step = max(1, cell_px // 4)
     for row in range(rows):
         for col in range(cols):
-            least, seen, asked = np.float32(np.inf), 0, 0
+            least, n_measured, n_sampled = np.float32(np.inf), 0, 0
             for v in range(row * cell_px, (row + 1) * cell_px, step):
                 for u in range(col * cell_px, (col + 1) * cell_px, step):
                     d = depth_m[v, u]
-                    asked += 1
+                    n_sampled += 1
                     if near_m <= d < far_m and d > 0.0:  # NaN fails
-                        seen += 1
+                        n_measured += 1
                         least = min(least, d)
-            if 2 * seen > asked:
+            if 2 * n_measured > n_sampled:
                 nearest[row, col] = least
     out = np.zeros((rows, cols), np.float32)
     for row in range(1, rows - 1):
@@ -151,12 +157,13 @@ def _limits(depth_m, cell_px, near_m, far_m, margin_m, noise_per_m):  # type: ig
 
 
 @njit(cache=True, nogil=True)
-def _coarse(limit_m):  # type: ignore[no-untyped-def]
-    rows, cols = limit_m.shape
-    out = np.zeros(((rows + FAR_CELLS - 1) // FAR_CELLS, (cols + FAR_CELLS - 1) // FAR_CELLS), np.float32)
+def _coarse_max(free_depth_m):  # type: ignore[no-untyped-def]
+    """The maximum of the cells in each coarse cell and in its eight neighbours."""
+    rows, cols = free_depth_m.shape
+    out = np.zeros(((rows + COARSE_CELLS - 1) // COARSE_CELLS, (cols + COARSE_CELLS - 1) // COARSE_CELLS), np.float32)
     for i in range(out.shape[0]):
         for j in range(out.shape[1]):
-            for row in range(max(0, (i - 1) * FAR_CELLS), min(rows, (i + 2) * FAR_CELLS)):
-                for col in range(max(0, (j - 1) * FAR_CELLS), min(cols, (j + 2) * FAR_CELLS)):
-                    out[i, j] = max(out[i, j], limit_m[row, col])
+            for row in range(max(0, (i - 1) * COARSE_CELLS), min(rows, (i + 2) * COARSE_CELLS)):
+                for col in range(max(0, (j - 1) * COARSE_CELLS), min(cols, (j + 2) * COARSE_CELLS)):
+                    out[i, j] = max(out[i, j], free_depth_m[row, col])
     return out

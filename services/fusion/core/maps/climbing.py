@@ -9,7 +9,7 @@ from typing import Any
 from surveilnav.sensing.views import PosedView
 from surveilnav.services.fusion.core.config import MapConfig
 
-_LEVEL_M = 0.1  # a robot whose altitude changes by less stays on one level
+_LEVEL_M = 0.1  # a robot whose altitude changes by no more than this stays on one level
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,8 +50,8 @@ class ClimbTracker:
         if abs(view.floor_z_m - self.z_m) > config.stair_step_m:
             return False
         current = self.after(view, self.floor)
-        looked_around = new_name and current.views >= config.level_views
-        return not looked_around and math.dist(current.level_m[:2], _ground_m(view)[:2]) < config.level_m
+        looked_around = new_name and current.views >= config.new_floor_views
+        return not looked_around and math.dist(current.level_m[:2], _ground_m(view)[:2]) < config.new_floor_distance_m
 
     def state(self) -> dict[str, Any]:
         """Everything as plain values, for ``from_state``."""

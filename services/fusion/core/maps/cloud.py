@@ -1,10 +1,8 @@
-"""The joint point cloud: voxels with a mean position and colour, who saw them when, and whether they are still there.
+"""The joint point cloud (the paper's section IV-C.1): voxels with mean position and colour, who saw them when, and carving.
 
-The paper's section IV-C.1.
-
-Voxels stand one after the other in an array; blocks of 4x4x4 voxels know where theirs stand, and regions of 8x8x8
-blocks know their blocks. The cost of a point doesn't depend on the size of the map, and neither does that of a view
-that looks for voxels which it sees through: it asks the regions before it only.
+Voxels are stored in one array. A spatial hash (``voxels.Index``) finds them by blocks of 4x4x4 voxels, and blocks by regions of
+8x8x8 blocks. So the cost of adding a point doesn't depend on the size of the map, and neither does that of carving by a view,
+which only looks at the regions in front of it.
 """
 
 from __future__ import annotations
@@ -17,22 +15,22 @@ from numpy.typing import NDArray
 
 from surveilnav.services.fusion.core.config import MapConfig
 from surveilnav.services.fusion.core.maps import voxels
-from surveilnav.services.fusion.core.maps.carving import Clearance
+from surveilnav.services.fusion.core.maps.carving import FreeDepthImage
 from surveilnav.services.fusion.core.maps.provenance import MAX_SETS, SourceSets
 from surveilnav.services.fusion.core.maps.voxels import BITS, HALF, MASK, NEVER, VOXEL
 
 
 class VoxelCloud:
-    """Mean positions and colours of voxels, their provenance, and which of them are gone.
+    """Voxels with their mean positions, colours and provenance, and which of them are carved away.
 
-    A point weighs in by the inverse of its depth's variance (``MapConfig.depth_noise_m``), quantised to 1..64. Up to
-    a weight of 16.8 million (a quarter of a million points near by) means are exact; then they stand.
-    A voxel is gone while ``carve_views`` views that are newer than its last point see through it; gone voxels are
-    left out of everything, and make room when the cloud is full.
+    A point is weighted by the inverse variance of its depth (``MapConfig.depth_noise_m``), quantised to 1-64. Means are exact
+    up to a total weight of 16.8 million (a quarter of a million points at close range), from which they no longer change.
+    A voxel is carved away while ``carve_views`` views newer than its last point see through it. Carved voxels are left out of
+    everything, and are removed when the cloud is full.
 
     Attributes:
-        refused: points that had no place, because the cloud was full or they lay outside the world.
-        n_gone: voxels that are kept, but gone.
+        refused: number of points that were dropped because the cloud was full or they lay outside the world.
+        n_carved: number of voxels that are stored but carved away.
     """
 
     def __init__(self, config: MapConfig) -> None:
@@ -40,16 +38,16 @@ class VoxelCloud:
         self._voxels = np.zeros(1 << 12, VOXEL)
         self._index = voxels.new_index(1 << 10)
         self._n = 0
-        self._max_blocks = config.max_voxels // 4 + 1024  # a surface fills eight of a block's voxels or more
+        self._max_blocks = config.max_voxels // 4 + 1024  # a surface fills at least eight voxels of a block
         self._sets = SourceSets()
-        self._joined = np.full(MAX_SETS, -1, np.int32)  # scratch: set -> set with the view's source
-        self.n_gone = 0
+        self._set_with_source = np.full(MAX_SETS, -1, np.int32)  # scratch: set -> set with the view's source too
+        self.n_carved = 0
         self.refused = 0
 
     @property
     def size(self) -> int:
-        """Voxels that are there."""
-        return self._n - self.n_gone
+        """The number of voxels that aren't carved away."""
+        return self._n - self.n_carved
 
     def add(
         self,
@@ -59,22 +57,30 @@ class VoxelCloud:
         source: str,
         stamp_ns: int,
     ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-        """Adds points (N, 3) [m, world] with colours (N, 3) uint8, seen by ``source`` from ``p_camera`` (3,).
+        """Adds the points of a view.
 
-        Returns the numbers of new voxels, and of those that were gone and are back.
+        Args:
+            p_world: (N, 3) points [m, world].
+            colours: (N, 3) uint8.
+            p_camera: (3,) position of the camera [m, world].
+            source: whose view it is.
+            stamp_ns: when it was taken.
+
+        Returns:
+            The numbers of new voxels, and of carved voxels that are restored.
         """
         c = self._config
         n = len(p_world)
-        if self._n + n > c.max_voxels and self.n_gone > c.max_voxels // 16:
-            self._drop_gone()
+        if self._n + n > c.max_voxels and self.n_carved > c.max_voxels // 16:
+            self._remove_carved()
         self._reserve(n)
-        hits, back = np.empty(n, np.int32), np.empty(n, np.int32)
-        before = self._n
+        hits, restored = np.empty(n, np.int32), np.empty(n, np.int32)
+        n_before = self._n
         per_m = 1.0 / c.voxel_m
-        self._n = voxels.find(
+        self._n = voxels.find_or_create(
             self._voxels, self._index, self._n, c.max_voxels, self._max_blocks, p_world, stamp_ns, per_m, hits
         )
-        n_hits, n_back = voxels.add(
+        n_hits, n_restored = voxels.add_points(
             self._voxels,
             hits,
             p_world,
@@ -85,106 +91,116 @@ class VoxelCloud:
             c.depth_noise_m**2,
             c.depth_noise_per_m**2,
             c.carve_views,
-            back,
+            restored,
         )
         self.refused += n - n_hits
-        self.n_gone -= n_back
-        self._note_source(hits, source)
-        return np.arange(before, self._n, dtype=np.int32), back[:n_back].copy()
+        self.n_carved -= n_restored
+        self._record_source(hits, source)
+        return np.arange(n_before, self._n, dtype=np.int32), restored[:n_restored].copy()
 
-    def carve(self, view: Clearance) -> NDArray[np.int32]:
-        """Notes what a view sees through; returns the numbers of the voxels that are gone by it."""
-        gone = np.empty(self._n, np.int32)  # pages that nobody writes to cost nothing
+    def carve(self, image: FreeDepthImage) -> NDArray[np.int32]:
+        """Carves the cloud by what a view sees through; returns the numbers of the voxels that are carved away by it."""
+        carved = np.empty(self._n, np.int32)  # memory pages that aren't written to cost nothing
         c = self._config
         n = voxels.carve(
             self._voxels,
             self._index,
-            view.camera,
-            view.limit_m,
-            view.far_m,
-            view.stamp_ns,
+            image.camera,
+            image.free_depth_m,
+            image.coarse_max_m,
+            image.stamp_ns,
             c.voxel_m,
             c.carve_views,
-            gone,
+            carved,
         )
-        self.n_gone += n
-        return gone[:n].copy()
+        self.n_carved += n
+        return carved[:n].copy()
 
-    def recheck(self, new: NDArray[np.int32], newer: Iterable[Clearance]) -> NDArray[np.int32]:
-        """Asks views that came before these voxels did; returns the numbers of those that are gone at once."""
-        c, found = self._config, [np.empty(0, np.int32)]
-        for view in newer:
-            gone = np.empty(len(new), np.int32)
-            n = voxels.recheck(
-                self._voxels, new, view.camera, view.limit_m, view.stamp_ns, c.voxel_m, c.carve_views, gone
+    def carve_listed(self, numbers: NDArray[np.int32], images: Iterable[FreeDepthImage]) -> NDArray[np.int32]:
+        """Carves the listed voxels by views that came before them; returns the numbers of those that are carved away."""
+        c, parts = self._config, [np.empty(0, np.int32)]
+        for image in images:
+            carved = np.empty(len(numbers), np.int32)
+            n = voxels.carve_listed(
+                self._voxels,
+                numbers,
+                image.camera,
+                image.free_depth_m,
+                image.stamp_ns,
+                c.voxel_m,
+                c.carve_views,
+                carved,
             )
-            found.append(gone[:n])
-        gone = np.concatenate(found)
-        self.n_gone += len(gone)
-        return gone
+            parts.append(carved[:n])
+        all_carved = np.concatenate(parts)
+        self.n_carved += len(all_carved)
+        return all_carved
 
     def array(self) -> NDArray[np.float32]:
-        """(N, 6) float32: mean positions [m, world] and colours 0-1 of the voxels that are there, in no order."""
+        """(N, 6) float32: mean positions [m, world] and colours (0-1) of the voxels that aren't carved, in any order."""
         out = np.empty((self.size, 6), np.float32)
-        voxels.means(self._voxels[: self._n], self._config.voxel_m, self._config.carve_views, out)
+        voxels.write_means(self._voxels[: self._n], self._config.voxel_m, self._config.carve_views, out)
         return out
 
     def provenance(
         self,
     ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], list[list[str]]]:
-        """Who saw the voxels of ``array``, line by line: number of a set of sources (N,), first and last seen [ns].
+        """Who saw the voxels of ``array``, and when, line by line with it.
 
-        The last part is the sets by number: sorted names of robots and cameras, or ``["many"]`` beyond 65,535 sets.
+        Returns:
+            The number of the source set (N,), the stamps of the first and the last point (N,), (N,) [ns], and the sets by
+            number: sorted names of robots and cameras, or ``["many"]`` beyond 65,535 sets.
         """
-        there = self._voxels[: self._n][~self._is_gone()]
-        first_ns, last_ns = there["first_ns"].copy(), there["last_ns"].copy()
-        return there["sources"].astype(np.int64), first_ns, last_ns, self.source_sets()
+        present = self._voxels[: self._n][~self._is_carved()]
+        first_ns, last_ns = present["first_ns"].copy(), present["last_ns"].copy()
+        return present["sources"].astype(np.int64), first_ns, last_ns, self.source_sets()
 
     def source_sets(self) -> list[list[str]]:
-        """The sets that ``provenance`` counts by."""
+        """The source sets by number, as in ``provenance``."""
         return self._sets.lists()
 
     def centres(self, numbers: NDArray[np.int32]) -> NDArray[np.float64]:
-        """Centres (N, 3) [m, world] of voxels by number."""
+        """Centres (N, 3) [m, world] of the voxels with these numbers (N,)."""
         return voxel_centres(self._voxels["key"][numbers], self._config.voxel_m)
 
     def state(self) -> dict[str, Any]:
-        """All of it, as plain arrays and numbers, for ``from_state``."""
+        """Everything as plain arrays and numbers, for ``from_state``."""
         columns = {name: self._voxels[name][: self._n].copy() for name in VOXEL.names or ()}
         return {"voxels": columns, "sets": self._sets.lists(), "refused": self.refused}
 
     @classmethod
     def from_state(cls, state: dict[str, Any], config: MapConfig) -> VoxelCloud:
-        """The cloud that ``state`` was taken of, under the same ``config``."""
+        """The cloud that ``state`` describes, with the same ``config``."""
         cloud = cls(config)
         cloud._n = len(state["voxels"]["key"])
         cloud._voxels = np.zeros(max(len(cloud._voxels), cloud._n), VOXEL)
         for name in VOXEL.names or ():
             cloud._voxels[name][: cloud._n] = state["voxels"][name]
-        cloud._sets = SourceSets.of_lists(state["sets"])
+        cloud._sets = SourceSets.from_lists(state["sets"])
         cloud._rebuild_index()
-        cloud.n_gone = int(np.count_nonzero(cloud._is_gone()))
+        cloud.n_carved = int(np.count_nonzero(cloud._is_carved()))
         cloud.refused = int(state["refused"])
         return cloud
 
-    def _is_gone(self) -> NDArray[np.bool_]:
+    def _is_carved(self) -> NDArray[np.bool_]:
         used = self._voxels[: self._n]
-        deciding = {0: None, 1: "through_ns", 2: "through_before_ns"}[self._config.carve_views]
+        deciding = {0: None, 1: "seen_through_ns", 2: "seen_through_before_ns"}[self._config.carve_views]
         if deciding is None:
             return np.zeros(self._n, np.bool_)
         return np.asarray(used[deciding] != NEVER)
 
-    def _note_source(self, hits: NDArray[np.int32], source: str) -> None:
-        wanted = voxels.sets_of(self._voxels, hits, self._joined)
-        joined = np.array([self._sets.join(int(number), source) for number in wanted], np.int32)
-        self._joined[joined] = joined
-        self._joined[wanted] = joined
-        if (self._joined[wanted] != wanted).any():
-            voxels.set_sources(self._voxels, hits, self._joined)
-        self._joined[wanted] = self._joined[joined] = -1
+    def _record_source(self, hits: NDArray[np.int32], source: str) -> None:
+        """Adds a source to the source sets of the voxels ``hits``."""
+        former = voxels.source_sets_of(self._voxels, hits, self._set_with_source)
+        new = np.array([self._sets.with_source(int(number), source) for number in former], np.int32)
+        self._set_with_source[new] = new
+        self._set_with_source[former] = new
+        if (self._set_with_source[former] != former).any():
+            voxels.replace_source_sets(self._voxels, hits, self._set_with_source)
+        self._set_with_source[former] = self._set_with_source[new] = -1
 
     def _reserve(self, n: int) -> None:
-        """Room for ``n`` more voxels, and the blocks they may need."""
+        """Makes room for ``n`` more voxels and the blocks that they may need."""
         want = min(self._n + n, self._config.max_voxels)
         if want > len(self._voxels):
             larger = np.zeros(max(want, min(2 * len(self._voxels), self._config.max_voxels)), VOXEL)
@@ -192,33 +208,33 @@ class VoxelCloud:
             self._voxels = larger
         n_blocks = min(int(self._index.counts[0]) + n, self._max_blocks)
         if n_blocks > len(self._index.block_keys):
-            self._index = voxels.grown(self._index, max(n_blocks, 2 * len(self._index.block_keys)))
+            self._index = voxels.grow_index(self._index, max(n_blocks, 2 * len(self._index.block_keys)))
 
-    def _drop_gone(self) -> None:
-        kept = self._voxels[: self._n][~self._is_gone()]
-        self._n, self.n_gone = len(kept), 0
+    def _remove_carved(self) -> None:
+        kept = self._voxels[: self._n][~self._is_carved()]
+        self._n, self.n_carved = len(kept), 0
         self._voxels[: self._n] = kept
         self._rebuild_index()
 
     def _rebuild_index(self) -> None:
-        """Finds all voxels anew."""
+        """Builds the index from the voxels."""
         self._index = voxels.new_index(1 << 10)
         for start in range(0, self._n, 1 << 16):
             stop = min(start + (1 << 16), self._n)
             n_blocks = int(self._index.counts[0]) + stop - start
             if n_blocks > len(self._index.block_keys):
-                self._index = voxels.grown(self._index, max(n_blocks, 2 * len(self._index.block_keys)))
-            voxels.enter(self._voxels, self._index, start, stop)
+                self._index = voxels.grow_index(self._index, max(n_blocks, 2 * len(self._index.block_keys)))
+            voxels.index_voxels(self._voxels, self._index, start, stop)
 
 
 def voxel_keys(p_world: NDArray[np.floating], voxel_m: float) -> NDArray[np.int64]:
-    """Sorted unique keys (M,) int64 of the voxels that points (N, 3) [m, world] lie in."""
+    """Sorted and unique keys (M,) int64 of the voxels that contain points (N, 3) [m, world]."""
     i = np.floor(np.asarray(p_world, np.float64) / voxel_m).astype(np.int64) + HALF
     return sorted_unique((i[:, 2] << (2 * BITS)) | (i[:, 1] << BITS) | i[:, 0])
 
 
 def sorted_unique(keys: NDArray[np.int64]) -> NDArray[np.int64]:
-    """``numpy.unique`` without its hash table, which is slower for the few thousand keys of an object."""
+    """``numpy.unique``, but by sorting, which is faster than its hash table for the few thousand keys of an object."""
     keys = np.sort(keys)
     first = np.ones(len(keys), np.bool_)
     first[1:] = keys[1:] != keys[:-1]
@@ -226,6 +242,6 @@ def sorted_unique(keys: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def voxel_centres(keys: NDArray[np.int64], voxel_m: float) -> NDArray[np.float64]:
-    """Centres (N, 3) [m, world] of voxels."""
+    """Centres (N, 3) [m, world] of the voxels with these keys (N,)."""
     i = np.stack([keys & MASK, (keys >> BITS) & MASK, keys >> (2 * BITS)], axis=-1) - HALF
     return np.asarray((i + 0.5) * voxel_m)

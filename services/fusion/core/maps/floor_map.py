@@ -1,4 +1,4 @@
-"""One floor: point cloud, obstacle map and exploration map (the paper's section IV-C.2), from counts of what views saw."""
+"""The geometry of one floor: point cloud, obstacle map and exploration map (the paper's section IV-C.2), by counting views."""
 
 from __future__ import annotations
 
@@ -12,41 +12,41 @@ from numpy.typing import NDArray
 from surveilnav.geometry import Grid
 from surveilnav.sensing.views import PosedView
 from surveilnav.services.fusion.core.config import MapConfig
-from surveilnav.services.fusion.core.maps.carving import Clearance, FreeSpace, stamp_of
+from surveilnav.services.fusion.core.maps.carving import FreeDepthHistory, FreeDepthImage, bounded_stamp_ns
 from surveilnav.services.fusion.core.maps.cloud import VoxelCloud
 from surveilnav.services.fusion.core.maps.frontier import frontiers
-from surveilnav.services.fusion.core.maps.projection import azimuth_bins, camera_position, reach, world_points
+from surveilnav.services.fusion.core.maps.projection import azimuth_bins, azimuth_ranges, camera_position, world_points
 
-#: Rows and columns counted from the world's origin: (row0, col0, rows, cols).
+#: A rectangle of cells: (row0, col0, rows, cols). Rows and columns are counted from the world's origin.
 Window = tuple[int, int, int, int]
 
-_MOST = 2**32 - 1  # counts stop here
+_MAX_COUNT = 2**32 - 1  # at which counts saturate
 _LAYERS = (
     "_obstacle_points",
     "_obstacle_views",
-    "_bare_views",
+    "_floor_views",
     "_explored_views",
     "_visited",
-    "_voxels_there",
-    "_voxels_gone",
+    "_voxels_present",
+    "_voxels_carved",
     "_drop_points",
     "_drop_views",
 )
-_BARE_FLOOR_M = 0.08  # nearer than this to the floor's altitude a point is floor
+_FLOOR_TOLERANCE_M = 0.08  # a point within this of the floor's altitude is bare floor
 
 
 class FloorMap:
     """The geometry of one floor.
 
-    Every layer is a function of counts and of what is gone of the cloud: the order of views doesn't matter (a late view
-    must have fewer than ``carve_memory`` newer ones before it), and cells are numbered from the world's origin, so
-    neither does where the map began.
+    Every layer is a function of counts per cell and of the carved voxels. So it doesn't depend on the order of views (provided
+    that fewer than ``carve_memory`` newer views came before a late one). Cells are numbered from the world's origin, so
+    it doesn't depend on where the map began either.
 
     Attributes:
-        floor: its id.
-        z_m: altitude of the floor's surface.
+        floor: the floor's id.
+        z_m: altitude of its surface [m, world].
         cloud: the joint point cloud.
-        revision: that of the joint map when this floor last changed.
+        revision: revision of the joint map at which this floor last changed.
     """
 
     def __init__(self, floor: str, z_m: float, centre_m: tuple[float, float], config: MapConfig) -> None:
@@ -60,30 +60,33 @@ class FloorMap:
         self._col0 = math.floor(centre_m[0] / r) - cells // 2
         self._obstacle_points = np.zeros((cells, cells), np.uint32)
         self._obstacle_views = np.zeros((cells, cells), np.uint32)
-        self._bare_views = np.zeros((cells, cells), np.uint32)
+        self._floor_views = np.zeros((cells, cells), np.uint32)
         self._explored_views = np.zeros((cells, cells), np.uint32)
         self._visited = np.zeros((cells, cells), np.uint8)
-        self._voxels_there = np.zeros((cells, cells), np.int32)  # of the cloud, in the band that blocks
-        self._voxels_gone = np.zeros((cells, cells), np.int32)
+        self._voxels_present = np.zeros((cells, cells), np.int32)  # voxels of the cloud at heights that block
+        self._voxels_carved = np.zeros((cells, cells), np.int32)
         self._drop_points = np.zeros((cells, cells), np.uint32)
         self._drop_views = np.zeros((cells, cells), np.uint32)
         self._frontier: tuple[int, NDArray[np.uint8]] | None = None
         self._occupied: NDArray[np.uint8] | None = None
-        self._free_space = FreeSpace(config.carve_memory)
+        self._free_depths = FreeDepthHistory(config.carve_memory)
         self.cloud = VoxelCloud(config)
 
     @property
     def grid(self) -> Grid:
-        """Frame of all layers as they are now."""
+        """The frame of all layers, as large as they are now."""
         r = self._config.resolution_m
         rows, cols = self._obstacle_points.shape
         return Grid(self._col0 * r, self._row0 * r, r, rows, cols)
 
     def integrate(self, view: PosedView) -> tuple[int, NDArray[np.float32]]:
-        """Adds a view; returns the number of its points and its reach (360, 2) [m] by azimuth.
+        """Adds a view.
+
+        Returns:
+            The number of its points, and its ranges by azimuth (360, 2) [m] (``projection.azimuth_ranges``).
 
         Raises:
-            ValueError: pictures of the wrong size, or a camera farther off than a map may grow.
+            ValueError: the camera is farther away than a map may grow.
         """
         c = self._config
         max_range_m = c.max_range_robot_m if view.is_robot else c.max_range_camera_m
@@ -91,53 +94,56 @@ class FloorMap:
         self._occupied = None
         # depth -> points in the world (the paper's p_global = R p + t)
         p_world, colours = world_points(view, c.points_per_view, max_range_m, c.depth_edge)
-        window = window_of(p_world, p_camera, c.robot_radius_m, c.resolution_m)
-        self._cover(*window)
-        new, back = self.cloud.add(p_world, colours, p_camera, view.source, stamp_of(view))
-        self._tally(new, 1, 0)
-        self._tally(back, 1, -1)
-        # what is seen to be gone
+        window = window_around(p_world, p_camera, c.robot_radius_m, c.resolution_m)
+        self._grow_to(*window)
+        new, restored = self.cloud.add(p_world, colours, p_camera, view.source, bounded_stamp_ns(view))
+        self._count_voxels(new, 1, 0)
+        self._count_voxels(restored, 1, -1)
+        # what the view sees through is carved away
         if c.carve_views:
             self._carve(view, new)
         # points and rays -> obstacle and exploration map
-        reach_m = reach(p_world, p_camera, self.z_m + c.explored_max_m, self.z_m - c.drop_min_m)
-        self._count(p_world, p_camera, reach_m, window, math.inf if view.is_robot else c.explored_range_camera_m)
+        ranges_m = azimuth_ranges(p_world, p_camera, self.z_m + c.explored_max_m, self.z_m - c.drop_min_m)
+        self._update_counts(
+            p_world, p_camera, ranges_m, window, math.inf if view.is_robot else c.explored_range_camera_m
+        )
         if view.is_robot:
-            self._stand(p_camera)
-        return len(p_world), reach_m
+            self._mark_visited(p_camera)
+        return len(p_world), ranges_m
 
     def occupied(self) -> NDArray[np.uint8]:
-        """Obstacle map (rows, cols) uint8: cells with enough points in the band, and drops: cells without a floor, through
-        which enough rays went down.
+        """Obstacle map (rows, cols) uint8 of 0 and 1.
 
-        Free again are those seen as plainly bare floor, those whose voxels are gone but a few, and where a robot stood.
+        Occupied are cells with enough points at heights that block, and drops: cells without a floor, through which enough
+        rays go down. A cell is free again if it is plainly seen as bare floor, if all but a few of its voxels are carved away, or
+        if a robot stood there.
         """
         if self._occupied is None:
-            self._occupied = self._blocked()
+            self._occupied = self._compute_occupied()
         return self._occupied
 
-    def _blocked(self) -> NDArray[np.uint8]:
+    def _compute_occupied(self) -> NDArray[np.uint8]:
         c = self._config
         blocked = self._obstacle_points >= c.obstacle_min_points
-        bare = self._bare_views > c.clear_ratio * self._obstacle_views
-        gone = (self._voxels_gone > 0) & (self._voxels_there < c.obstacle_min_points)
+        bare = self._floor_views > c.clear_ratio * self._obstacle_views
+        carved = (self._voxels_carved > 0) & (self._voxels_present < c.obstacle_min_points)
         drop = self._drop_points >= c.obstacle_min_points
-        floor = self._bare_views > c.clear_ratio * self._drop_views
-        occupied = (blocked & ~bare & ~gone) | (drop & ~floor)
+        has_floor = self._floor_views > c.clear_ratio * self._drop_views
+        occupied = (blocked & ~bare & ~carved) | (drop & ~has_floor)
         return np.asarray(occupied & (self._visited == 0)).view(np.uint8)
 
     def explored(self) -> NDArray[np.uint8]:
-        """Exploration map (rows, cols) uint8: a point was seen there, or a ray passed, or a robot stood there."""
+        """Exploration map (rows, cols) uint8 of 0 and 1: cells where a point was seen, a ray passed, or a robot stood."""
         return ((self._explored_views > 0) | (self._visited > 0)).view(np.uint8)
 
     def frontier(self) -> NDArray[np.uint8]:
-        """Frontier map (rows, cols) uint8."""
+        """Frontier map (rows, cols) uint8 of 0 and 1."""
         if self._frontier is None or self._frontier[0] != self.revision:
             self._frontier = self.revision, frontiers(self.occupied(), self.explored(), self._config)
         return self._frontier[1]
 
     def state(self) -> dict[str, Any]:
-        """All of it, as plain arrays and numbers, for ``from_state``."""
+        """Everything as plain arrays and numbers, for ``from_state``."""
         return {
             "floor": self.floor,
             "z_m": self.z_m,
@@ -146,60 +152,60 @@ class FloorMap:
             "col0": self._col0,
             "layers": {name.lstrip("_"): getattr(self, name) for name in _LAYERS},
             "cloud": self.cloud.state(),
-            "free_space": self._free_space.state(),
+            "free_depths": self._free_depths.state(),
         }
 
     @classmethod
     def from_state(cls, state: dict[str, Any], config: MapConfig) -> FloorMap:
-        """The map that ``state`` was taken of, under the same ``config``."""
+        """The map that ``state`` describes, with the same ``config``."""
         floor = cls(state["floor"], float(state["z_m"]), (0.0, 0.0), config)
         floor.revision, floor._row0, floor._col0 = int(state["revision"]), int(state["row0"]), int(state["col0"])
-        layers = {name: np.zeros_like(state["layers"]["obstacle_points"]) for name in ("drop_points", "drop_views")}
-        layers |= state["layers"]  # maps kept before drops were mapped have none
         for name in _LAYERS:
-            setattr(floor, name, np.array(layers[name.lstrip("_")]))
+            setattr(floor, name, np.array(state["layers"][name.lstrip("_")]))
         floor.cloud = VoxelCloud.from_state(state["cloud"], config)
-        floor._free_space = FreeSpace.from_state(state["free_space"], config.carve_memory)
+        floor._free_depths = FreeDepthHistory.from_state(state["free_depths"], config.carve_memory)
         return floor
 
     def _carve(self, view: PosedView, new: NDArray[np.int32]) -> None:
-        clearance = Clearance.from_view(view, self._config)
-        gone = self.cloud.carve(clearance)
-        late = self.cloud.recheck(new, self._free_space.newer_than(clearance.stamp_ns))
-        self._free_space.add(clearance)
-        self._tally(gone, -1, 1)
-        self._tally(late, -1, 1)
+        """Carves the cloud by a view, and the voxels that are new with it by newer views that came before."""
+        image = FreeDepthImage.from_view(view, self._config)
+        carved = self.cloud.carve(image)
+        carved_at_once = self.cloud.carve_listed(new, self._free_depths.newer_than(image.stamp_ns))
+        self._free_depths.add(image)
+        self._count_voxels(carved, -1, 1)
+        self._count_voxels(carved_at_once, -1, 1)
 
-    def _tally(self, voxels: NDArray[np.int32], there: int, gone: int) -> None:
-        """Counts voxels of the cloud in the cells of their centres, if they stand where things block."""
+    def _count_voxels(self, voxels: NDArray[np.int32], present: int, carved: int) -> None:
+        """Adds ``present`` and ``carved`` to the counts of the cells of voxels, if these are at heights that block."""
         if not len(voxels):
             return
         c = self._config
-        _tally_voxels(
+        _count_voxels_in_cells(
             self.cloud.centres(voxels),
             self._row0,
             self._col0,
             c.resolution_m,
             self.z_m + c.obstacle_min_m,
             self.z_m + c.obstacle_max_m,
-            there,
-            gone,
-            self._voxels_there,
-            self._voxels_gone,
+            present,
+            carved,
+            self._voxels_present,
+            self._voxels_carved,
         )
 
-    def _count(
+    def _update_counts(
         self,
         p_world: NDArray[np.float32],
         p_camera: NDArray[np.float64],
-        reach_m: NDArray[np.float32],
+        ranges_m: NDArray[np.float32],
         window: Window,
-        farthest_m: float,
+        max_explored_m: float,
     ) -> None:
+        """Counts what a view shows in each cell of a window. Beyond ``max_explored_m`` it explores nothing."""
         c = self._config
         row0, col0, rows, cols = window
-        seen = azimuth_bins(
-            np.minimum(reach_m, np.float32(farthest_m)),
+        explored = azimuth_bins(
+            np.minimum(ranges_m, np.float32(max_explored_m)),
             p_camera[0],
             p_camera[1],
             c.resolution_m,
@@ -216,8 +222,8 @@ class FloorMap:
             c.resolution_m,
             row0,
             col0,
-            seen,
-            farthest_m**2,
+            explored,
+            max_explored_m**2,
             c.obstacle_min_m,
             c.obstacle_max_m,
             c.drop_min_m,
@@ -227,11 +233,12 @@ class FloorMap:
             self._obstacle_views[part],
             self._drop_points[part],
             self._drop_views[part],
-            self._bare_views[part],
+            self._floor_views[part],
             self._explored_views[part],
         )
 
-    def _stand(self, p_camera: NDArray[np.float64]) -> None:
+    def _mark_visited(self, p_camera: NDArray[np.float64]) -> None:
+        """Marks the cells under a robot as visited; its camera is above its centre."""
         r, radius_m = self._config.resolution_m, self._config.robot_radius_m
         n = math.floor(radius_m / r)
         row, col = math.floor(p_camera[1] / r), math.floor(p_camera[0] / r)
@@ -240,8 +247,8 @@ class FloorMap:
         under[n, n] = True
         self._visited[rows[under] - self._row0, cols[under] - self._col0] = 1
 
-    def _cover(self, row0: int, col0: int, rows: int, cols: int) -> None:
-        """Grows all layers until they hold the window, by 2 m more than needed so that it happens seldom."""
+    def _grow_to(self, row0: int, col0: int, rows: int, cols: int) -> None:
+        """Grows all layers until they contain a window, by 2 m more than needed, so that it happens seldom."""
         r, old_shape = self._config.resolution_m, self._visited.shape
         margin = math.ceil(2.0 / r)
         below, left = max(0, self._row0 - row0), max(0, self._col0 - col0)
@@ -264,10 +271,10 @@ class FloorMap:
             setattr(self, name, new)
 
 
-def window_of(
+def window_around(
     p_world: NDArray[np.float32], p_camera: NDArray[np.float64], radius_m: float, resolution_m: float
 ) -> Window:
-    """World cells (row0, col0, rows, cols) that hold the points (N, 3) and the camera with ``radius_m`` around it."""
+    """The window of cells that contains points (N, 3) [m, world] and a circle of ``radius_m`` around a camera (3,)."""
     low, high = p_camera[:2] - radius_m - resolution_m, p_camera[:2] + radius_m + resolution_m
     if len(p_world):
         box = _bounds(p_world)
@@ -278,16 +285,16 @@ def window_of(
 
 
 @njit(cache=True, nogil=True)
-def _tally_voxels(  # type: ignore[no-untyped-def]
-    centres, row0, col0, resolution_m, low, high, there, gone, n_there, n_gone
+def _count_voxels_in_cells(  # type: ignore[no-untyped-def]
+    centres, row0, col0, resolution_m, low, high, present, carved, n_present, n_carved
 ):
     for i in range(len(centres)):
         if low <= centres[i, 2] <= high:
             row = int(np.floor(centres[i, 1] / resolution_m)) - row0
             col = int(np.floor(centres[i, 0] / resolution_m)) - col0
-            if 0 <= row < n_there.shape[0] and 0 <= col < n_there.shape[1]:
-                n_there[row, col] += there
-                n_gone[row, col] += gone
+            if 0 <= row < n_present.shape[0] and 0 <= col < n_present.shape[1]:
+                n_present[row, col] += present
+                n_carved[row, col] += carved
 
 
 @njit(cache=True, nogil=True)
@@ -310,8 +317,8 @@ def _count_points(  # type: ignore[no-untyped-def]
     resolution_m,
     row0,
     col0,
-    seen,
-    farthest_squared,
+    explored,
+    max_explored_squared,
     low,
     high,
     drop,
@@ -321,44 +328,44 @@ def _count_points(  # type: ignore[no-untyped-def]
     obstacle_views,
     drop_points,
     drop_views,
-    bare_views,
+    floor_views,
     explored_views,
 ):
-    rows, cols = seen.shape
-    blocks = np.zeros((rows, cols), np.uint16)
-    falls = np.zeros((rows, cols), np.uint16)
+    rows, cols = explored.shape
+    obstacles = np.zeros((rows, cols), np.uint16)
+    drops = np.zeros((rows, cols), np.uint16)
     bare = np.zeros((rows, cols), np.uint8)
     for i in range(points.shape[0]):
         x, y = np.float64(points[i, 0]), np.float64(points[i, 1])
         height = points[i, 2] - z
         dx, dy = points[i, 0] - p_camera[0], points[i, 1] - p_camera[1]
         squared = dx * dx + dy * dy
-        falling = height < -drop - noise * squared
-        if falling:  # where the ray is that deep in the air there is no floor; over the point itself there may be one
+        is_drop = height < -drop - noise * squared
+        if is_drop:  # there is no floor where the ray is this deep; above the point itself there may be one
             share = (p_camera[2] - z + drop) / (p_camera[2] - points[i, 2])
             if not 0.0 < share <= 1.0:
                 continue
             x, y, squared = p_camera[0] + share * dx, p_camera[1] + share * dy, share * share * squared
         col = int(np.floor(x / resolution_m)) - col0
         row = int(np.floor(y / resolution_m)) - row0
-        if height <= explored_max and squared <= farthest_squared:  # where a point is, the cell was seen, whatever the
-            seen[row, col] = 0  # ray's azimuth
-        if falling:
-            falls[row, col] += 1
+        if height <= explored_max and squared <= max_explored_squared:  # a cell with a point is explored, whatever
+            explored[row, col] = 0  # the ranges of its azimuth bin
+        if is_drop:
+            drops[row, col] += 1
         elif low + noise * squared <= height <= high:
-            blocks[row, col] += 1
-        elif abs(height) <= _BARE_FLOOR_M:
+            obstacles[row, col] += 1
+        elif abs(height) <= _FLOOR_TOLERANCE_M:
             bare[row, col] = 1
     for row in range(rows):
         for col in range(cols):
-            n, fallen = blocks[row, col], falls[row, col]
-            if n > 0:
-                obstacle_points[row, col] = min(_MOST, int(obstacle_points[row, col]) + n)
-                obstacle_views[row, col] = min(_MOST, int(obstacle_views[row, col]) + 1)
-            if fallen > 0:
-                drop_points[row, col] = min(_MOST, int(drop_points[row, col]) + fallen)
-                drop_views[row, col] = min(_MOST, int(drop_views[row, col]) + 1)
-            if n == 0 and fallen == 0 and bare[row, col] > 0:
-                bare_views[row, col] = min(_MOST, int(bare_views[row, col]) + 1)
-            if seen[row, col] >= 0:
-                explored_views[row, col] = min(_MOST, int(explored_views[row, col]) + 1)
+            n_obstacle, n_drop = obstacles[row, col], drops[row, col]
+            if n_obstacle > 0:
+                obstacle_points[row, col] = min(_MAX_COUNT, int(obstacle_points[row, col]) + n_obstacle)
+                obstacle_views[row, col] = min(_MAX_COUNT, int(obstacle_views[row, col]) + 1)
+            if n_drop > 0:
+                drop_points[row, col] = min(_MAX_COUNT, int(drop_points[row, col]) + n_drop)
+                drop_views[row, col] = min(_MAX_COUNT, int(drop_views[row, col]) + 1)
+            if n_obstacle == 0 and n_drop == 0 and bare[row, col] > 0:
+                floor_views[row, col] = min(_MAX_COUNT, int(floor_views[row, col]) + 1)
+            if explored[row, col] >= 0:
+                explored_views[row, col] = min(_MAX_COUNT, int(explored_views[row, col]) + 1)

@@ -1,58 +1,58 @@
-"""Who saw what: sets of sources under small numbers, so that a voxel can keep its set in four bytes."""
+"""Provenance: sets of sources under small numbers, so that a voxel can store who has seen it in four bytes."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-#: More different sets than this are not told apart: a set beyond it is ``MANY``.
+#: At most so many different sets are told apart; any further one becomes ``[MANY]``.
 MAX_SETS = 1 << 16
 MANY = "many"
 
 
 class SourceSets:
-    """Sets of source names, numbered from 0, the empty set, in the order in which they came up.
+    """Sets of source names, numbered in the order of their creation. Number 0 is the empty set.
 
-    A set stands for what it holds, so any two ways to build it give the same number. Once ``MAX_SETS`` are known
-    every new one is called ``[MANY]``, which stays what it is whoever joins it.
+    Equal sets have the same number, however they came about. Once ``MAX_SETS`` exist, every new set is ``[MANY]``, and adding
+    a source to ``[MANY]`` doesn't change it.
     """
 
     def __init__(self) -> None:
         self._sets: list[tuple[str, ...]] = [()]
-        self._number: dict[tuple[str, ...], int] = {(): 0}
-        self._joined: dict[tuple[int, str], int] = {}
+        self._numbers: dict[tuple[str, ...], int] = {(): 0}
+        self._with_source: dict[tuple[int, str], int] = {}
 
     def __len__(self) -> int:
         return len(self._sets)
 
-    def join(self, number: int, source: str) -> int:
-        """The number of the set ``number`` with ``source`` in it."""
-        joined = self._joined.get((number, source))
-        if joined is None:
+    def with_source(self, number: int, source: str) -> int:
+        """The number of the set that contains the members of set ``number`` and ``source``."""
+        found = self._with_source.get((number, source))
+        if found is None:
             members = self._sets[number]
-            joined = number if members == (MANY,) else self._intern(tuple(sorted({*members, source})))
-            if len(self._joined) >= 8 * MAX_SETS:  # only a shortcut: it may be forgotten
-                self._joined.clear()
-            self._joined[number, source] = joined
-        return joined
+            found = number if members == (MANY,) else self._number_of(tuple(sorted({*members, source})))
+            if len(self._with_source) >= 8 * MAX_SETS:  # it is only a cache
+                self._with_source.clear()
+            self._with_source[number, source] = found
+        return found
 
     def lists(self) -> list[list[str]]:
-        """All sets, by number."""
+        """The sorted members of all sets, by number."""
         return [list(members) for members in self._sets]
 
     @classmethod
-    def of_lists(cls, lists: Sequence[Sequence[str]]) -> SourceSets:
-        """The sets that ``lists`` tells of."""
+    def from_lists(cls, lists: Sequence[Sequence[str]]) -> SourceSets:
+        """The sets that ``lists`` returned."""
         sets = cls()
         sets._sets = [tuple(members) for members in lists]
-        sets._number = {members: i for i, members in enumerate(sets._sets)}
+        sets._numbers = {members: i for i, members in enumerate(sets._sets)}
         return sets
 
-    def _intern(self, members: tuple[str, ...]) -> int:
-        if members not in self._number:
+    def _number_of(self, members: tuple[str, ...]) -> int:
+        if members not in self._numbers:
             if len(self._sets) >= MAX_SETS - 1:
                 members = (MANY,)
-                if members in self._number:
-                    return self._number[members]
-            self._number[members] = len(self._sets)
+                if members in self._numbers:
+                    return self._numbers[members]
+            self._numbers[members] = len(self._sets)
             self._sets.append(members)
-        return self._number[members]
+        return self._numbers[members]

@@ -1,1 +1,1 @@
-"""The joint object map: detections become points, points become objects (eq. 3), objects gather evidence and are confirmed."""
+"""The joint object map: detections are located in the world, associated with objects (eq. 3), fused into them, and confirmed."""

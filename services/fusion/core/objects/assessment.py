@@ -1,4 +1,4 @@
-"""What the evidence on an object comes to."""
+"""The conclusion that a rule of confirmation draws from the evidence on an object."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ Status = Literal["candidate", "confirmed", "rejected"]
 
 @dataclass(frozen=True, slots=True)
 class Assessment:
-    """An object's class, the confidence 0-1 in it, and its status; ``reason`` is for people."""
+    """An object's class, the confidence in it (0-1), its status, and the reason for that status in words for people."""
 
     label: str
     confidence: float

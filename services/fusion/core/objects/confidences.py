@@ -10,9 +10,12 @@ ClassConfidence = tuple[str, float]
 
 @dataclass(frozen=True, slots=True)
 class Confidences:
-    """Confidence 0-1 by class: of robots' detections, and of surveillance cameras'.
+    """Confidence 0-1 in each class of an object.
 
-    ``joint``: of all together, by a rule that weighs them jointly; None: the higher of both (the paper).
+    Attributes:
+        robot: by robots' detections alone.
+        surveillance: by surveillance cameras' detections alone.
+        joint: by a rule that weighs all detections together; None: the higher of both counts (the paper).
     """
 
     robot: Mapping[str, float]
@@ -21,12 +24,12 @@ class Confidences:
 
     @property
     def best_robot(self) -> ClassConfidence:
-        """The class that robots believe most; ("", 0) if they saw nothing."""
+        """The class that robots are surest of, and their confidence; ("", 0) if no robot has detected the object."""
         return _best(self.robot)
 
     @property
     def best_surveillance(self) -> ClassConfidence:
-        """The class that cameras believe most; ("", 0) if they saw nothing."""
+        """The class that cameras are surest of, and their confidence; ("", 0) if no camera has detected the object."""
         return _best(self.surveillance)
 
     @property
@@ -37,21 +40,15 @@ class Confidences:
         robot, surveillance = self.best_robot, self.best_surveillance
         return robot if robot[1] >= surveillance[1] else surveillance
 
-    def of(self, label: str) -> float:
-        """The joint one, or the higher of both, for one class."""
+    def of_class(self, label: str) -> float:
+        """The confidence in one class by all sources; 0 for a class that nobody has named."""
         if self.joint is not None:
             return self.joint.get(label, 0.0)
         return max(self.robot.get(label, 0.0), self.surveillance.get(label, 0.0))
 
     def by_class(self) -> dict[str, float]:
-        """``of`` every class, by name."""
-        return {label: self.of(label) for label in sorted({*self.robot, *self.surveillance})}
-
-    def rival(self, label: str) -> ClassConfidence:
-        """The class most believed besides ``label``; ("", 0) if there is none."""
-        others = [(confidence, name) for name, confidence in self.by_class().items() if name != label]
-        confidence, name = max(others, default=(0.0, ""))
-        return name, confidence
+        """The confidence in each class by all sources."""
+        return {label: self.of_class(label) for label in sorted({*self.robot, *self.surveillance})}
 
 
 def _best(confidences: Mapping[str, float]) -> ClassConfidence:

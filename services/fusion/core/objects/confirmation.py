@@ -1,7 +1,7 @@
-"""Joint object confirmation: is a candidate what it is taken for?
+"""Joint object confirmation: decides whether an object is what detectors take it for.
 
-Two rules: the paper's (``PaperConfirmation``), and ours (``PosteriorConfirmation``). Either looks at the evidence of one object
-and answers with an ``Assessment``.
+There are two rules: the paper's (``PaperConfirmation``) and ours (``PosteriorConfirmation``). Each looks at the evidence on one
+object and answers with an ``Assessment``.
 """
 
 from __future__ import annotations
@@ -16,23 +16,23 @@ from surveilnav.services.fusion.core.objects.paper_confirmation import PaperConf
 from surveilnav.services.fusion.core.objects.posterior_confirmation import PosteriorConfirmation
 
 
-class Confirmation(Protocol):
-    """A rule of confirmation. Whoever adds evidence calls ``settle``, then asks ``assess``."""
+class ConfirmationRule(Protocol):
+    """A rule of confirmation. After new evidence, ``update`` is called once; then ``assess`` may be asked at any time."""
 
     def confidences(self, evidence: Evidence) -> Confidences:
-        """Confidence in each class."""
+        """The confidence in each class."""
         ...
 
-    def settle(self, evidence: Evidence) -> None:
-        """Settles the class of an object, or changes it, where the evidence is enough for that. Updates the evidence."""
+    def update(self, evidence: Evidence) -> None:
+        """Records in the evidence which category the rule has decided on, if it is one that decides for good."""
         ...
 
-    def assess(self, evidence: Evidence, was: Status) -> Assessment:
-        """What follows from the evidence on an object that ``was`` of some status before. Changes nothing."""
+    def assess(self, evidence: Evidence, previous: Status) -> Assessment:
+        """Concludes from the evidence what the object is. ``previous``: its status so far, for hysteresis. Changes nothing."""
         ...
 
 
-def confirmation_of(config: ObjectConfig) -> Confirmation:
+def confirmation_rule(config: ObjectConfig) -> ConfirmationRule:
     """The rule that the settings name."""
     if config.confirmation.rule == "paper":
         return PaperConfirmation(config.confirmation.paper)

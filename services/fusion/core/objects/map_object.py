@@ -1,4 +1,4 @@
-"""One object of the joint map, and what changes it."""
+"""One object of the joint map: its detections fused into one shape, embedding and body of evidence."""
 
 from __future__ import annotations
 
@@ -17,11 +17,12 @@ from surveilnav.services.fusion.core.config import ObjectConfig
 from surveilnav.services.fusion.core.objects.assessment import Status
 from surveilnav.services.fusion.core.objects.association import cosine
 from surveilnav.services.fusion.core.objects.evidence import Evidence
-from surveilnav.services.fusion.core.objects.localization import Sighting
+from surveilnav.services.fusion.core.objects.localization import LocatedDetection
 from surveilnav.services.fusion.core.objects.shape import Shape
 from surveilnav.services.fusion.core.objects.view_evidence import Direction
 
 Change = Literal["created", "matched", "merged", "confirmed", "rejected", "flipped", "not_seen"]
+#: Attributes that are plain values or arrays and go into ``state`` as they are.
 _STATE = (
     "id",
     "embedding_sum",
@@ -33,14 +34,14 @@ _STATE = (
     "status",
     "reason",
     "n_detections",
-    "changed",
+    "merge_pending",
     "embedding_model",
 )
 
 
 @dataclass(frozen=True, slots=True)
 class ObjectChange:
-    """What happened to an object; ``absorbed``: the object that was found to be the same, 0 for none."""
+    """An event of an object. ``absorbed``: id of the object that was merged into it, 0 if none was."""
 
     object_id: int
     event: ObjectEvent
@@ -52,11 +53,13 @@ class MapObject:
     """One object.
 
     Attributes:
-        embedding_sum: of its detections' unit embeddings (D,): in direction their mean, weighted by counts.
-        embedding_model: whose embeddings those are: the newest detection's model. Others' are left out.
-        seen_from_sum: of the horizontal unit vectors (2,) from each detection to who made it.
-        changed: since duplicates were last searched for.
-        record: as others see it, until something happens to it.
+        embedding_sum: sum of its detections' unit embeddings (D,). Its direction is that of their mean.
+        embedding_model: the model of those embeddings, which is that of the newest detection. Embeddings of other models
+            are left out.
+        seen_from_sum: sum of the horizontal unit vectors (2,) from the object towards the cameras of its detections.
+        merge_pending: whether the object has changed since duplicates were last searched for.
+        record: the object as a message, cached until something happens to it.
+        revision: revision of the joint map at which something last happened to it.
     """
 
     id: int
@@ -73,49 +76,51 @@ class MapObject:
     sources: set[str] = field(default_factory=set)
     n_detections: int = 0
     history: deque[ObjectEvent] = field(default_factory=deque)
-    changed: bool = True
+    merge_pending: bool = True
     embedding_model: str = ""
     record: ObjectRecord | None = None
     revision: int = 0
 
     @classmethod
-    def of_sighting(cls, id_: int, view: PosedView, sighting: Sighting, max_history: int) -> MapObject:
-        """A new object, before its first sighting is fused into it."""
-        detected = sighting.detected
+    def from_detection(cls, id_: int, view: PosedView, located: LocatedDetection, max_history: int) -> MapObject:
+        """A new object with the shape of its first detection, which is yet to be fused into it."""
+        detection = located.detection
         return cls(
             id=id_,
-            shape=sighting.shape,
-            label=detected.label,
-            embedding_sum=np.zeros_like(detected.embedding),
+            shape=located.shape,
+            label=detection.label,
+            embedding_sum=np.zeros_like(detection.embedding),
             seen_from_sum=np.zeros(2),
             first_seen_ns=view.stamp_ns,
             last_seen_ns=view.stamp_ns,
             history=deque(maxlen=max_history),
-            embedding_model=sighting.embedding_model,
+            embedding_model=located.embedding_model,
         )
 
-    def fuse(self, view: PosedView, sighting: Sighting, max_voxels: int) -> None:
-        """Adds a detection: its points, its embedding, its evidence (the paper's joint object fusion)."""
-        detected = sighting.detected
-        self.shape = self.shape.union(sighting.shape, max_voxels)
-        if self._comparable(sighting.embedding_model, detected.embedding):
-            self.embedding_sum = self.embedding_sum + detected.embedding
+    def fuse(self, view: PosedView, located: LocatedDetection, max_voxels: int) -> None:
+        """Adds a detection: its points, its embedding and its evidence (the paper's joint object fusion)."""
+        detection = located.detection
+        self.shape = self.shape.union(located.shape, max_voxels)
+        if self._comparable(located.embedding_model, detection.embedding):
+            self.embedding_sum = self.embedding_sum + detection.embedding
         else:
-            self.embedding_sum, self.embedding_model = detected.embedding, sighting.embedding_model
-        self.seen_from_sum = self.seen_from_sum + _towards(view, sighting.shape)
+            self.embedding_sum, self.embedding_model = detection.embedding, located.embedding_model
+        self.seen_from_sum = self.seen_from_sum + _towards_camera(view, located.shape)
         self.first_seen_ns = min(self.first_seen_ns, view.stamp_ns)
         self.last_seen_ns = max(self.last_seen_ns, view.stamp_ns)
         self.n_detections += 1
         self.sources.add(view.source)
-        self.changed = True
-        self.evidence.add(detected.label, detected.score, detected.worth, _direction(view, sighting.shape))
+        self.merge_pending = True
+        self.evidence.add_detection(
+            detection.label, detection.score, detection.confidence, _direction_of(view, located.shape)
+        )
 
-    def miss(self, view: PosedView) -> None:
-        """A robot had it in plain sight, and no detection shows it."""
-        self.evidence.miss(_direction(view, self.shape))
+    def add_miss(self, view: PosedView) -> None:
+        """Adds a robot's view that had the object in plain sight without a detection of it."""
+        self.evidence.add_miss(_direction_of(view, self.shape))
 
     def absorb(self, other: MapObject, max_voxels: int) -> None:
-        """Adds all that was known of another object, which is the same thing."""
+        """Adds everything known of another object, which turned out to be the same thing."""
         self.shape = self.shape.union(other.shape, max_voxels)
         if self._comparable(other.embedding_model, other.embedding_sum):
             self.embedding_sum = self.embedding_sum + other.embedding_sum
@@ -132,11 +137,11 @@ class MapObject:
         return embedding_model == self.embedding_model and embedding.shape == self.embedding_sum.shape
 
     def relevance(self, text: NDArray[np.float32], embedding_model: str) -> float | None:
-        """Cosine of its detections' mean embedding and a text's (D,); None if they come from different models."""
+        """Cosine of the detections' mean embedding and a text embedding (D,); None if their models differ."""
         return cosine(self.embedding_sum, text) if self._comparable(embedding_model, text) else None
 
     def state(self) -> dict[str, Any]:
-        """All of it, as plain arrays and values, for ``from_state``."""
+        """Everything as plain arrays and values, for ``from_state``."""
         return {
             "keys": self.shape.keys,
             "evidence": self.evidence.state(),
@@ -154,20 +159,20 @@ class MapObject:
             evidence=Evidence.from_state(state["evidence"]),
             sources=set(state["sources"]),
             history=history,
-            **{name: state[name] for name in _STATE if name in state},  # older states name no model
+            **{name: state[name] for name in _STATE},
         )
 
 
-def _direction(view: PosedView, shape: Shape) -> Direction:
-    """From where a view shows a thing: a camera by its name, a robot by an eighth of the compass around the thing."""
+def _direction_of(view: PosedView, shape: Shape) -> Direction:
+    """Where a view sees an object from: which camera, or which of the eight sectors around the object a robot is in."""
     if not view.is_robot:
         return "camera", view.source
-    x, y = _towards(view, shape)
+    x, y = _towards_camera(view, shape)
     return "robot", str(int((math.atan2(y, x) / math.pi + 1.0) * 4.0) % 8)
 
 
-def _towards(view: PosedView, shape: Shape) -> NDArray[np.float64]:
-    """The horizontal unit vector (2,) from a detection's middle to its camera; nothing right above or below."""
-    way: NDArray[np.float64] = view.T_world_camera[:2, 3] - (shape.p_min + shape.p_max)[:2] / 2
-    length_m = float(np.linalg.norm(way))
-    return way / length_m if length_m > 1e-6 else np.zeros(2)
+def _towards_camera(view: PosedView, shape: Shape) -> NDArray[np.float64]:
+    """Horizontal unit vector (2,) from the centre of a shape to the view's camera; zero right above or below it."""
+    offset_m: NDArray[np.float64] = view.T_world_camera[:2, 3] - (shape.p_min + shape.p_max)[:2] / 2
+    length_m = float(np.linalg.norm(offset_m))
+    return offset_m / length_m if length_m > 1e-6 else np.zeros(2)

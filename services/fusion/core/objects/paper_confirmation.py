@@ -5,8 +5,8 @@
     If the confidence surpasses a threshold, the candidate is confirmed.
     If the category changes, the detection is a false positive.
 
-Where the paper is silent: the confidence of a class by one kind of source is the mean of its scores, an object needs
-``min_detections`` (VLN-Game), and a confirmed one stays so a little below the threshold (``hysteresis``).
+Where the paper is silent: the confidence in a class by one kind of source is the mean score of its detections, an object needs
+``min_detections`` (VLN-Game), and a confirmed object stays confirmed a little below the threshold (``hysteresis``).
 """
 
 from __future__ import annotations
@@ -16,31 +16,31 @@ from collections.abc import Mapping
 from surveilnav.services.fusion.core.config import PaperConfirmationConfig
 from surveilnav.services.fusion.core.objects.assessment import Assessment, Status
 from surveilnav.services.fusion.core.objects.confidences import Confidences
-from surveilnav.services.fusion.core.objects.evidence import Evidence, Support
+from surveilnav.services.fusion.core.objects.evidence import Evidence, ScoreSum
 
 
 class PaperConfirmation:
-    """See ``Confirmation``. Every detection counts in full, from however far, and no missed sighting counts against."""
+    """The paper's rule (see ``ConfirmationRule``). It counts every detection in full, from any distance, and ignores misses."""
 
     def __init__(self, config: PaperConfirmationConfig) -> None:
         self._config = config
 
     def confidences(self, evidence: Evidence) -> Confidences:
-        """Mean score of each class."""
+        """The mean score of the detections of each class."""
         return Confidences(_means(evidence.robot), _means(evidence.surveillance))
 
-    def settle(self, evidence: Evidence) -> None:
-        """The class is that of the maximum confidence; another one than before is noted as a flip."""
+    def update(self, evidence: Evidence) -> None:
+        """Sets the category to the class of the maximum confidence, and records a flip if it was another one before."""
         if not self._config.flip_rejects:
             return
         label, _ = self.confidences(evidence).maximum
-        if not evidence.settled:
-            evidence.settled = label
-        elif evidence.settled != label:
+        if not evidence.category:
+            evidence.category = label
+        elif evidence.category != label:
             evidence.flip(label)
 
-    def assess(self, evidence: Evidence, was: Status) -> Assessment:
-        """See ``Confirmation``."""
+    def assess(self, evidence: Evidence, previous: Status) -> Assessment:
+        """See ``ConfirmationRule``."""
         config = self._config
         # confidence: maximum over robot and surveillance; category: class of the maximum
         label, confidence = self.confidences(evidence).maximum
@@ -53,11 +53,11 @@ class PaperConfirmation:
             reason = f"{n} of at least {config.min_detections} detections of a {label}"
             return Assessment(label, confidence, "candidate", reason)
         # above the threshold: confirmed
-        needed = config.min_confidence * (config.hysteresis if was == "confirmed" else 1.0)
-        if confidence >= needed:
+        threshold = config.min_confidence * (config.hysteresis if previous == "confirmed" else 1.0)
+        if confidence >= threshold:
             return Assessment(label, confidence, "confirmed", f"{label} {confidence:.2f} by {n} detections")
-        return Assessment(label, confidence, "candidate", f"confidence {confidence:.2f} < {needed:g}")
+        return Assessment(label, confidence, "candidate", f"confidence {confidence:.2f} < {threshold:g}")
 
 
-def _means(supports: Mapping[str, Support]) -> dict[str, float]:
-    return {label: s.score / s.n for label, s in supports.items()}
+def _means(sums: Mapping[str, ScoreSum]) -> dict[str, float]:
+    return {label: s.total / s.n for label, s in sums.items()}

@@ -1,14 +1,16 @@
-"""How likely an object is of each class, from all that was seen of it.
+"""How likely an object is of each class, given everything that was seen of it (a naive Bayes update in log-odds).
 
-The surest detection of a class says how likely the object is one, by what it looks like (its log-odds). Other detections
-look alike: what they add is that the object was called so again. Each such view multiplies the odds by ``again``, and each view
-that calls it something else, or nothing though it is in plain sight, by ``missed``.
+The prior of a class comes from how the object looks: it is the log-odds of its surest detection. The other detections show the
+same thing, so all they add is that the object was called by this class again. Each of them multiplies the odds by
+``repeat_odds``. Each view that calls the object something else, or has it in plain sight without any detection, multiplies them
+by ``miss_odds``.
 
-Views err alike. The sum of n pieces of evidence that correlate by rho is divided by 1 + (n - 1) rho: for normal ones with equal
-correlations, that is their log-likelihood ratio. So it goes with the views from one direction, and with what directions say.
+Views err alike, so their evidence isn't independent. The sum of n log-likelihood ratios with pairwise correlation rho is divided
+by the design effect ``1 + (n - 1) rho`` (Kish 1965); for normal variables of equal correlation that is their exact joint
+log-likelihood ratio. It is applied twice: to the views from one direction, and to the sums of the directions.
 
-An object is of one of the classes that views have named, or something else. The odds of each count by its share of all
-detections.
+An object is of one of the classes that views have named, or it is something else. Between classes, the odds of each are weighted
+by its share of all detections.
 """
 
 from __future__ import annotations
@@ -17,39 +19,39 @@ import math
 from collections.abc import Collection, Mapping
 
 from surveilnav.services.fusion.core.config import PosteriorConfig
-from surveilnav.services.fusion.core.objects.view_evidence import Direction, Look
+from surveilnav.services.fusion.core.objects.view_evidence import Direction, ViewEvidence
 
-_BEYOND = 30.0  # log-odds past which nothing changes
+_MAX_LOG_ODDS = 30.0  # beyond it, the probability is 0 or 1 to double precision for all that follows
 
 
-def posterior(looks: Mapping[Direction, Look], config: PosteriorConfig) -> dict[str, float]:
-    """Chance 0-1 by class that a view has named; what is left to 1 is something else."""
-    seen = list(looks.values())
-    hits: dict[str, int] = {}
-    for look in seen:
-        for label, n in look.hits.items():
-            hits[label] = hits.get(label, 0) + n
-    everything = sum(hits.values())
+def posterior(by_direction: Mapping[Direction, ViewEvidence], config: PosteriorConfig) -> dict[str, float]:
+    """The probability (0-1) of each class that a view has named. The rest to 1 is that of something else."""
+    evidence = list(by_direction.values())
+    detections: dict[str, int] = {}
+    for views in evidence:
+        for label, n in views.detections.items():
+            detections[label] = detections.get(label, 0) + n
+    n_detections = sum(detections.values())
     odds = {}
-    for label in sorted(hits):
-        log_odds = max(-_BEYOND, min(_BEYOND, _log_odds(label, seen, config)))
-        odds[label] = hits[label] / everything * math.exp(log_odds)
+    for label in sorted(detections):
+        log_odds = max(-_MAX_LOG_ODDS, min(_MAX_LOG_ODDS, _log_odds(label, evidence, config)))
+        odds[label] = detections[label] / n_detections * math.exp(log_odds)
     total = 1.0 + sum(odds.values())
-    return {label: of / total for label, of in odds.items()}
+    return {label: class_odds / total for label, class_odds in odds.items()}
 
 
-def _log_odds(label: str, looks: Collection[Look], config: PosteriorConfig) -> float:
-    """Of one class, named by some look, against something else."""
-    again, missed = math.log(config.again), math.log(config.missed)
-    said, best = -again, -math.inf  # the first detection made the object: it repeats nothing
-    for look in looks:
-        n, n_views = look.hits.get(label, 0), look.named + look.misses
-        said += (n * again + (n_views - n) * missed) / _alike(n_views, config)
+def _log_odds(label: str, evidence: Collection[ViewEvidence], config: PosteriorConfig) -> float:
+    """The log-odds of one class, which some view has named, against something else."""
+    repeat, miss = math.log(config.repeat_odds), math.log(config.miss_odds)
+    update, prior = -repeat, -math.inf  # the first detection created the object and repeats nothing
+    for views in evidence:
+        n, n_views = views.detections.get(label, 0), views.n_detecting_views + views.misses
+        update += (n * repeat + (n_views - n) * miss) / _design_effect(n_views, config)
         if n:
-            best = max(best, look.best[label])
-    return best + said / _alike(len(looks), config)
+            prior = max(prior, views.max_log_odds[label])
+    return prior + update / _design_effect(len(evidence), config)
 
 
-def _alike(n: int, config: PosteriorConfig) -> float:
-    """What the sum of n pieces of evidence is divided by."""
-    return 1.0 + max(0, n - 1) * config.alike
+def _design_effect(n: int, config: PosteriorConfig) -> float:
+    """What the sum of n correlated pieces of evidence is divided by."""
+    return 1.0 + max(0, n - 1) * config.correlation

@@ -1,11 +1,11 @@
-"""Our joint object confirmation: one chance for all words.
+"""Our joint object confirmation: one threshold on a probability, the same for all words.
 
-What differs from the paper (section "Joint Object Confirmation"):
+It differs from the paper (section "Joint Object Confirmation") in three points:
 
-- The confidence of a class is how likely the object is of it, from all detections and missed sightings of robots and
-  cameras together (``posterior``).
-- Nothing is settled for good: the class is the likeliest at any time.
-- A robot that looks closely and doesn't see the object speaks against it.
+- The confidence in a class is the probability that the object is of it, given all detections and misses of robots and cameras
+  together (``posterior``).
+- No category is decided for good: the object is of the most probable class at any time.
+- A robot that looks from close by without detecting the object speaks against it.
 """
 
 from __future__ import annotations
@@ -15,35 +15,36 @@ from surveilnav.services.fusion.core.objects.assessment import Assessment, Statu
 from surveilnav.services.fusion.core.objects.confidences import Confidences
 from surveilnav.services.fusion.core.objects.evidence import Evidence
 from surveilnav.services.fusion.core.objects.posterior import posterior
-from surveilnav.services.fusion.core.objects.view_evidence import of_kinds
 
 
 class PosteriorConfirmation:
-    """See ``Confirmation``."""
+    """Our rule (see ``ConfirmationRule``)."""
 
     def __init__(self, config: PosteriorConfig) -> None:
         self._config = config
 
     def confidences(self, evidence: Evidence) -> Confidences:
-        """Chances of each class: by robots alone, by cameras alone, and by all."""
-        robot, cameras = (posterior(of_kinds(evidence.looks, kind), self._config) for kind in ("robot", "camera"))
+        """The probability of each class by robots alone, by cameras alone, and by all."""
+        robot, cameras = (
+            posterior(evidence.by_direction.of_sources(kind), self._config) for kind in ("robot", "camera")
+        )
         return Confidences(robot, cameras, self._joint(evidence))
 
     def _joint(self, evidence: Evidence) -> dict[str, float]:
-        return posterior(of_kinds(evidence.looks, "robot", "camera"), self._config)
+        return posterior(evidence.by_direction.of_sources("robot", "camera"), self._config)
 
-    def settle(self, evidence: Evidence) -> None:
-        """Nothing is settled: the class is the likeliest at any time."""
+    def update(self, evidence: Evidence) -> None:
+        """Does nothing, since this rule decides on no category for good."""
 
-    def assess(self, evidence: Evidence, was: Status) -> Assessment:
-        """See ``Confirmation``."""
+    def assess(self, evidence: Evidence, previous: Status) -> Assessment:
+        """See ``ConfirmationRule``."""
         c = self._config
         label, chance = Confidences({}, {}, self._joint(evidence)).maximum
-        needed = c.min_chance * (c.hysteresis if was == "confirmed" else 1.0)
-        n, directions, misses = evidence.count(label), len(evidence.looks.of), evidence.misses
-        by = f"{label} by {chance:.2f}: {n} detections, {directions} directions, {misses} misses"
-        if chance >= needed:
-            return Assessment(label, chance, "confirmed", by)
+        threshold = c.min_chance * (c.hysteresis if previous == "confirmed" else 1.0)
+        n, directions, misses = evidence.count(label), len(evidence.by_direction), evidence.misses
+        reason = f"{label} by {chance:.2f}: {n} detections, {directions} directions, {misses} misses"
+        if chance >= threshold:
+            return Assessment(label, chance, "confirmed", reason)
         if chance < c.reject_chance and misses:
-            return Assessment(label, chance, "rejected", by)
-        return Assessment(label, chance, "candidate", f"{by}; needs {needed:g}")
+            return Assessment(label, chance, "rejected", reason)
+        return Assessment(label, chance, "candidate", f"{reason}; needs {threshold:g}")

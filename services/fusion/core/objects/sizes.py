@@ -1,4 +1,4 @@
-"""How large things of a class are: a radiator that a detector calls a bed is no bed, and a rug is nothing but a rug."""
+"""How large things of a class can be. A radiator that a detector takes for a bed isn't one, and neither is a rug."""
 
 from __future__ import annotations
 
@@ -8,20 +8,21 @@ from surveilnav.perception.vocabulary import COCO
 
 
 class SizePrior(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Bounds on what was seen of an object of a class. An object's box is axis-aligned.
+    """Bounds on the axis-aligned box of what was seen of an object of some class.
 
-    Least extents are about half of the smallest that is sold, since views are partial: a crib is 1.2 m long, a loveseat
-    1.2 m wide, a toilet 0.35 m wide. Largest extents are two side by side. Least heights and thicknesses lie below those
-    of all but a few in a hundred true objects of training buildings, and above those of every other false one. Tops are
-    chosen the other way round: half of the false chairs and toilets reach higher than 98 of 100 true ones (pictures,
-    lamps, wall cupboards). Half of the false tvs are bulkier than 95 of 100 true ones (cupboards).
+    Minimum extents are about half of the smallest that is sold, since views are partial: a crib is 1.2 m long, a loveseat
+    1.2 m wide, a toilet 0.35 m wide. Maximum extents are those of two such things side by side. Minimum heights and
+    thicknesses lie below those of all but a few percent of the true objects in the training buildings, and above those of
+    half of the false ones. Maximum tops are chosen the same way: half of the false chairs and toilets (pictures, lamps, wall
+    cupboards) reach higher than 98 % of the true ones. Half of the false tvs (cupboards) are bulkier than 95 % of the true
+    ones.
 
     Attributes:
         extent_min_m, extent_max_m: of the longer horizontal side.
         height_min_m: of the vertical side.
-        thickness_min_m: of the shortest of all three sides.
-        top_max_m: how high above the floor it reaches at most.
-        volume_max_m3: of its box.
+        thickness_min_m: of the shortest of the three sides.
+        top_max_m: the height above the floor that the object reaches.
+        volume_max_m3: of the box.
     """
 
     extent_min_m: float = 0.0
@@ -33,21 +34,25 @@ class SizePrior(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class _Priors(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What the library's ``data/coco/priors.json`` says to fusion: bounds by class name; anything goes for other classes."""
+    """Fusion's part of the library's priors on COCO's classes: bounds by class. Other classes have no bounds."""
 
     size: dict[str, SizePrior]
 
 
 _SIZES = COCO.priors("fusion", _Priors).size
-_ANY = SizePrior()
+_UNBOUNDED = SizePrior()
 
 
-def misfit(label: str, size_m: tuple[float, float, float], top_m: float) -> str:
-    """Why an object of ``size_m`` (x, y, z extents) that reaches ``top_m`` above the floor can't be of this class, for
-    people; empty if it can."""
-    if too_much := outgrown(label, size_m, top_m):
-        return too_much
-    prior = _SIZES.get(label, _ANY)
+def size_mismatch(label: str, size_m: tuple[float, float, float], top_m: float) -> str:
+    """Why an object can't be of a class by its size, in words for people; empty if it can.
+
+    Args:
+        size_m: extents of the object's box along x, y, z.
+        top_m: height of its top above the floor.
+    """
+    if reason := too_large(label, size_m, top_m):
+        return reason
+    prior = _SIZES.get(label, _UNBOUNDED)
     extent_m = max(size_m[0], size_m[1])
     if extent_m < prior.extent_min_m:
         return f"too small for a {label}: {extent_m:.2f} m of at least {prior.extent_min_m:g} m"
@@ -58,9 +63,9 @@ def misfit(label: str, size_m: tuple[float, float, float], top_m: float) -> str:
     return ""
 
 
-def outgrown(label: str, size_m: tuple[float, float, float], top_m: float) -> str:
-    """The part of ``misfit`` that no further view can mend: what is too large, too bulky or reaches too high."""
-    prior = _SIZES.get(label, _ANY)
+def too_large(label: str, size_m: tuple[float, float, float], top_m: float) -> str:
+    """The part of ``size_mismatch`` that further views can't correct: too large, too bulky, or reaching too high."""
+    prior = _SIZES.get(label, _UNBOUNDED)
     extent_m = max(size_m[0], size_m[1])
     if extent_m > prior.extent_max_m:
         return f"too large for a {label}: {extent_m:.2f} m of at most {prior.extent_max_m:g} m"

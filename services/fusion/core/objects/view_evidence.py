@@ -1,4 +1,8 @@
-"""What views from one direction said about an object."""
+"""What the views from each direction showed of an object.
+
+Views from one direction repeat each other, so the evidence on an object is counted per direction and only then combined
+(``posterior``).
+"""
 
 from __future__ import annotations
 
@@ -7,87 +11,89 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-#: From where an object was seen: "camera" and the camera's name, or "robot" and about from which side.
+#: Where an object was seen from: ("camera", the camera's source name) or ("robot", the sector 0-7 of the compass).
 Direction = tuple[str, str]
 
-_MAX_DIRECTIONS = 32  # more than a thing has sides and a floor has cameras that see it
-_SUREST = 0.98  # nothing that was seen once is surer than this
+_MAX_DIRECTIONS = 32  # more than an object has sides, plus the cameras that may see it
+_MAX_CHANCE = 0.98  # no single detection is believed more than this
 
 
 @dataclass(slots=True)
-class Look:
-    """All views from one direction.
+class ViewEvidence:
+    """What all views from one direction showed of one object.
 
     Attributes:
-        hits: by class, how many views called the object so.
-        best: by class, the log-odds of the surest of them.
-        misses: views that had the object in plain sight and called it nothing.
+        detections: number of detections by class.
+        max_log_odds: log-odds of the surest detection by class.
+        misses: number of views that had the object in plain sight without any detection of it.
     """
 
-    hits: dict[str, int] = field(default_factory=dict)
-    best: dict[str, float] = field(default_factory=dict)
+    detections: dict[str, int] = field(default_factory=dict)
+    max_log_odds: dict[str, float] = field(default_factory=dict)
     misses: int = 0
 
     @property
-    def named(self) -> int:
-        """About how many views called the object anything: one may call it two things."""
-        return max(self.hits.values(), default=0)
+    def n_detecting_views(self) -> int:
+        """Roughly the number of views with a detection of the object. A view may detect it as two classes at once."""
+        return max(self.detections.values(), default=0)
 
-    def hit(self, label: str, odds: float, n: int = 1) -> None:
-        """``n`` detections of a class, the surest of ``odds`` (``log_odds``)."""
-        self.hits[label] = self.hits.get(label, 0) + n
-        self.best[label] = max(odds, self.best.get(label, -math.inf))
+    def add_detections(self, label: str, max_log_odds: float, n: int = 1) -> None:
+        """Adds ``n`` detections of a class, the surest of which has ``max_log_odds``."""
+        self.detections[label] = self.detections.get(label, 0) + n
+        self.max_log_odds[label] = max(max_log_odds, self.max_log_odds.get(label, -math.inf))
 
 
 @dataclass(slots=True)
-class Looks:
-    """The looks at one object, by direction."""
+class EvidenceByDirection:
+    """The view evidence on one object, by the direction of the views."""
 
-    of: dict[Direction, Look] = field(default_factory=dict)
+    views: dict[Direction, ViewEvidence] = field(default_factory=dict)
 
-    def __iter__(self) -> Iterator[tuple[Direction, Look]]:
-        return iter(sorted(self.of.items()))
+    def __iter__(self) -> Iterator[tuple[Direction, ViewEvidence]]:
+        return iter(sorted(self.views.items()))
 
-    def hit(self, direction: Direction, label: str, chance: float) -> None:
-        """One detection of a class, right with a chance of 0-1."""
-        if (look := self._at(direction)) is not None:
-            look.hit(label, log_odds(chance))
+    def __len__(self) -> int:
+        return len(self.views)
 
-    def miss(self, direction: Direction) -> None:
-        """One view that should have shown the object and didn't."""
-        if (look := self._at(direction)) is not None:
-            look.misses += 1
+    def of_sources(self, *kinds: str) -> Mapping[Direction, ViewEvidence]:
+        """The evidence by the given kinds of sources ("robot", "camera") only."""
+        return {direction: evidence for direction, evidence in self if direction[0] in kinds}
 
-    def absorb(self, other: Looks) -> None:
-        """Adds what another object, now found to be this one, had."""
-        for direction, more in other:
-            if (look := self._at(direction)) is not None:
-                look.misses += more.misses
-                for label, n in more.hits.items():
-                    look.hit(label, more.best[label], n)
+    def add_detection(self, direction: Direction, label: str, chance: float) -> None:
+        """Adds a detection of a class that is right with a probability of ``chance`` (0-1)."""
+        if (evidence := self._at(direction)) is not None:
+            evidence.add_detections(label, log_odds(chance))
 
-    def _at(self, direction: Direction) -> Look | None:
-        """None: there are too many directions already; what more of them show is no news."""
-        if direction not in self.of and len(self.of) >= _MAX_DIRECTIONS:
+    def add_miss(self, direction: Direction) -> None:
+        """Adds a view that should have shown the object but has no detection of it."""
+        if (evidence := self._at(direction)) is not None:
+            evidence.misses += 1
+
+    def absorb(self, other: EvidenceByDirection) -> None:
+        """Adds the evidence on another object that turned out to be this one."""
+        for direction, theirs in other:
+            if (evidence := self._at(direction)) is not None:
+                evidence.misses += theirs.misses
+                for label, n in theirs.detections.items():
+                    evidence.add_detections(label, theirs.max_log_odds[label], n)
+
+    def _at(self, direction: Direction) -> ViewEvidence | None:
+        """The evidence from a direction, created if needed; None once there are so many that another adds nothing."""
+        if direction not in self.views and len(self.views) >= _MAX_DIRECTIONS:
             return None
-        return self.of.setdefault(direction, Look())
+        return self.views.setdefault(direction, ViewEvidence())
 
     def state(self) -> list[Any]:
-        """All of it as plain values, for ``from_state``."""
-        return [[*direction, dict(look.hits), dict(look.best), look.misses] for direction, look in self]
+        """Everything as plain values, for ``from_state``."""
+        return [[*direction, dict(e.detections), dict(e.max_log_odds), e.misses] for direction, e in self]
 
     @classmethod
-    def from_state(cls, rows: list[Any]) -> Looks:
-        """The looks that ``state`` describes."""
-        return cls({(str(kind), str(which)): Look(*fields) for kind, which, *fields in rows})
-
-
-def of_kinds(looks: Looks, *kinds: str) -> Mapping[Direction, Look]:
-    """Those of robots, of cameras, or of both."""
-    return {direction: look for direction, look in looks if direction[0] in kinds}
+    def from_state(cls, rows: list[Any]) -> EvidenceByDirection:
+        """The evidence that ``state`` describes."""
+        return cls({(str(kind), str(name)): ViewEvidence(*fields) for kind, name, *fields in rows})
 
 
 def log_odds(chance: float) -> float:
-    """The logarithm of chance over its complement, of chances between 0.02 and 0.98."""
-    p = min(_SUREST, max(1.0 - _SUREST, chance))
+    """``log(p / (1 - p))`` of a probability, which is first limited to 0.02-0.98."""
+    p = min(_MAX_CHANCE, max(1.0 - _MAX_CHANCE, chance))
     return math.log(p / (1.0 - p))

@@ -1,4 +1,4 @@
-"""Should this view show those objects?"""
+"""Which objects a view has in plain sight and should therefore show."""
 
 from __future__ import annotations
 
@@ -11,23 +11,30 @@ from numpy.typing import NDArray
 from surveilnav.geometry import inverse
 from surveilnav.sensing.views import PosedView
 
-_OCCLUDER_M = 0.15  # something this much nearer than all of the object hides it
+_OCCLUDER_M = 0.15  # what is nearer than the whole object by more than this hides it
 
 
-def in_plain_view(
+def visible_shares(
     view: PosedView, p_world: Sequence[NDArray[np.float64]], near_m: float, far_m: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Share (K,) of each object's points (N, 3) [m, world] that a view has in its picture, within range, with nothing
-    before the object.
+    """How much of each object a view has in plain sight.
 
-    Depth that agrees and depth that looks through both count: either way the object's class should have been seen
-    there. Also returns the pixels (K, 2) of the middles of the points in the picture, (-1, -1) if none is.
+    A point is in plain sight if it is in the picture, its depth is between ``near_m`` and ``far_m``, and nothing hides the
+    object there. It doesn't matter whether the measured depth agrees with the point or lies behind it: in both cases a
+    detector should have found the object.
+
+    Args:
+        p_world: for each of K objects, points (N, 3) of it [m, world].
+
+    Returns:
+        The share (K,) of each object's points that is in plain sight, and the median pixel (K, 2) of its points in the
+        picture; (-1, -1) if none is.
     """
     if not p_world:
         return np.zeros(0), np.zeros((0, 2))
     ends = np.cumsum([len(p) for p in p_world])
     c = view.camera
-    return _in_plain_view(  # type: ignore[no-any-return]
+    return _visible_shares(  # type: ignore[no-any-return]
         np.concatenate(p_world),
         ends,
         inverse(view.T_world_camera)[:3],
@@ -42,7 +49,7 @@ def in_plain_view(
 
 
 @njit(cache=True, nogil=True)
-def _in_plain_view(points, ends, T, fx, fy, cx, cy, depth_m, near_m, far_m):  # type: ignore[no-untyped-def]
+def _visible_shares(points, ends, T, fx, fy, cx, cy, depth_m, near_m, far_m):  # type: ignore[no-untyped-def]
     height, width = depth_m.shape
     shares, pixels = np.zeros(len(ends)), np.full((len(ends), 2), -1.0)
     z, u, v = np.empty(len(points)), np.empty(len(points)), np.empty(len(points))
@@ -61,12 +68,12 @@ def _in_plain_view(points, ends, T, fx, fy, cx, cy, depth_m, near_m, far_m):  # 
                 z[n], u[n], v[n] = ahead, np.round(column), np.round(row)
                 nearest = min(nearest, ahead)
                 n += 1
-        clear = 0
+        visible = 0
         for i in range(n):
             depth = depth_m[int(v[i]), int(u[i])]
-            clear += depth > 0 and depth >= nearest - _OCCLUDER_M
+            visible += depth > 0 and depth >= nearest - _OCCLUDER_M
         if n > 0:
-            shares[k] = clear / (end - begin)
+            shares[k] = visible / (end - begin)
             pixels[k] = np.median(u[:n]), np.median(v[:n])
         begin = end
     return shares, pixels

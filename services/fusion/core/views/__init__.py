@@ -1,1 +1,1 @@
-"""Views before they reach a map: whether they can be, which cameras send them (eq. 1), and in which order they are looked at."""
+"""Views before they reach a map: validation, camera invocation (eq. 1), and the order in which they are perceived."""

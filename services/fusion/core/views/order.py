@@ -1,12 +1,12 @@
 """The order in which camera views are perceived: first those that may still show most near a robot.
 
-A camera sends all its views at once, and perception takes a while for each. The utility of a view is the floor area that it
-looks at and nobody has explored, up to the first known obstacle, discounted by the distance to the nearest robot::
+A camera sends all its views at once, and perception takes a while for each. The utility of a view is the area of unexplored
+floor that it shows up to the first known obstacle, discounted by the distance to the nearest robot::
 
-    utility = integral over that floor of  w(p) exp(-d(p) / near_m)  dA
+    utility = integral over the floor in view of  w(p) exp(-d(p) / distance_scale_m)  dA
 
-w is 1 where the floor is unexplored, ``frontier`` on a frontier and ``known`` elsewhere; d is the straight-line distance to
-the nearest robot. The running system and the benchmark order views by the same function.
+w is 1 where the floor is unexplored, ``frontier_weight`` on a frontier and ``explored_weight`` elsewhere; d is the straight-line
+distance to the nearest robot. The running system and the benchmark order views by the same function.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ from surveilnav.geometry import Grid, Matrix4, Pinhole
 from surveilnav.services.fusion.core.config import ViewOrderConfig
 
 _AZIMUTH_STEP_RAD = math.radians(3.0)
-#: A view that looks down more steeply than this sees its own foot from all sides.
+#: A view that looks down more steeply than this sees the floor below its camera on all sides.
 _STEEP_RAD = math.radians(65.0)
 
 
 @dataclass(frozen=True, slots=True)
 class ViewFootprint:
-    """The part of a floor that a view looks at: an annular sector around the camera's foot (x, y) [m, world].
+    """The part of a floor that a view looks at: an annular sector around the point (x, y) [m, world] below the camera.
 
-    It reaches ``half_width_rad`` to both sides of ``azimuth_rad``, and from ``from_m`` to ``to_m`` away from the foot.
+    It covers ``half_width_rad`` to both sides of ``azimuth_rad``, at distances from ``from_m`` to ``to_m``.
     """
 
     floor_z_m: float
@@ -44,7 +44,7 @@ class ViewFootprint:
 
     @classmethod
     def from_view(cls, T_world_camera: Matrix4, camera: Pinhole, floor_z_m: float, range_m: float) -> ViewFootprint:
-        """The footprint of a view without roll, up to ``range_m`` from the camera's foot.
+        """The footprint of a view without roll, up to a horizontal distance of ``range_m``.
 
         Args:
             T_world_camera: (4, 4) pose of the view.
@@ -65,7 +65,7 @@ class ViewFootprint:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KnownFloor:
-    """What is known of a floor: layers (rows, cols) uint8 of 0 and 1 on ``grid``. Beyond it nothing is."""
+    """What is known of a floor: layers (rows, cols) uint8 of 0 and 1 on ``grid``. Nothing is known outside of it."""
 
     grid: Grid
     occupied: NDArray[np.uint8]
@@ -79,17 +79,17 @@ def floor_utilities_m2(
     robots_m: NDArray[np.float64],
     config: ViewOrderConfig,
 ) -> NDArray[np.float64]:
-    """(K,) utility of the views of one floor [m2 of unexplored floor right beside a robot].
+    """The utilities (K,) of views of one floor, in m2 of unexplored floor right beside a robot.
 
     Args:
-        floor: None: nothing is known of it yet.
-        robots_m: (R, 2) places of the robots on the floor [m, world]; none: every place is as near as any other.
+        floor: what is known of the floor; None: nothing yet.
+        robots_m: (R, 2) positions of the robots on the floor [m, world]. Without any, distance doesn't count.
     """
-    rows = np.array([(w.x_m, w.y_m, w.azimuth_rad, w.half_width_rad, w.from_m, w.to_m) for w in footprints], np.float64)
+    rows = np.array([(f.x_m, f.y_m, f.azimuth_rad, f.half_width_rad, f.from_m, f.to_m) for f in footprints], np.float64)
     robots = np.ascontiguousarray(robots_m, np.float64).reshape(-1, 2)
-    nothing = np.zeros((1, 1), np.uint8)
-    grid = floor.grid if floor else Grid(0.0, 0.0, config.step_m, 1, 1)
-    layers = (floor.occupied, floor.explored, floor.frontier) if floor else (nothing, nothing, nothing)
+    unknown = np.zeros((1, 1), np.uint8)
+    grid = floor.grid if floor else Grid(0.0, 0.0, config.ray_step_m, 1, 1)
+    layers = (floor.occupied, floor.explored, floor.frontier) if floor else (unknown, unknown, unknown)
     return _utilities(  # type: ignore[no-any-return]
         rows.reshape(-1, 6),
         robots,
@@ -97,22 +97,33 @@ def floor_utilities_m2(
         grid.origin_x_m,
         grid.origin_y_m,
         grid.resolution_m,
-        config.step_m,
-        config.near_m,
-        config.frontier,
-        config.known,
+        config.ray_step_m,
+        config.distance_scale_m,
+        config.frontier_weight,
+        config.explored_weight,
     )
 
 
 def highest_first(utilities_m2: NDArray[np.float64]) -> list[int]:
-    """Numbers of the views, the one of highest utility first; of equal ones the first comes first."""
+    """Indices of the views by descending utility; views of equal utility stay in their order."""
     order: list[int] = np.argsort(-utilities_m2, kind="stable").tolist()
     return order
 
 
 @njit(cache=True, nogil=True)
 def _utilities(  # type: ignore[no-untyped-def]
-    footprints, robots, occupied, explored, frontier, x0, y0, resolution, step, near, at_frontier, at_known
+    footprints,
+    robots,
+    occupied,
+    explored,
+    frontier,
+    x0,
+    y0,
+    resolution,
+    step,
+    distance_scale,
+    frontier_weight,
+    explored_weight,
 ):
     rows, cols = explored.shape
     out = np.zeros(len(footprints))
@@ -128,24 +139,24 @@ def _utilities(  # type: ignore[no-untyped-def]
                 px, py = x + r * c, y + r * s
                 col, row = int(np.floor((px - x0) / resolution)), int(np.floor((py - y0) / resolution))
                 inside = 0 <= row < rows and 0 <= col < cols
-                if inside and occupied[row, col] and r > step:  # not the wall that the camera hangs on
+                if inside and occupied[row, col] and r > step:  # beyond the wall that the camera is mounted on
                     break
                 if r >= begin:
                     weight = 1.0
                     if inside and frontier[row, col]:
-                        weight = at_frontier
+                        weight = frontier_weight
                     elif inside and explored[row, col]:
-                        weight = at_known
-                    out[k] += weight * _nearness(px, py, robots, near) * r * width * step
+                        weight = explored_weight
+                    out[k] += weight * _discount(px, py, robots, distance_scale) * r * width * step
                 r += step
     return out
 
 
 @njit(cache=True, nogil=True)
-def _nearness(x, y, robots, near):  # type: ignore[no-untyped-def]
+def _discount(x, y, robots, distance_scale):  # type: ignore[no-untyped-def]
     if len(robots) == 0:
         return 1.0
-    nearest = np.inf
+    nearest_squared = np.inf
     for i in range(len(robots)):
-        nearest = min(nearest, (x - robots[i, 0]) ** 2 + (y - robots[i, 1]) ** 2)
-    return np.exp(-np.sqrt(nearest) / near)
+        nearest_squared = min(nearest_squared, (x - robots[i, 0]) ** 2 + (y - robots[i, 1]) ** 2)
+    return np.exp(-np.sqrt(nearest_squared) / distance_scale)

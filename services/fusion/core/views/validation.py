@@ -1,4 +1,4 @@
-"""Validation of views: what cannot be is refused before it touches a map, and every fault has a name.
+"""Validation of views: what can't be true is refused before it touches a map, and every fault has a name.
 
 Faults of a view by itself (``check_view``):
     bad_pose            not finite, not a rigid transform, or a mounting offset that isn't finite
@@ -17,7 +17,7 @@ Faults of a view beside the earlier ones of its source (``ViewValidator``):
 
 The maps themselves add ``out_of_map`` (farther away than a map may grow) and ``too_many_floors``.
 
-A pixel without depth (NaN or 0) is no fault; it is left out.
+A pixel without depth (NaN or 0) isn't a fault; it is left out.
 """
 
 from __future__ import annotations
@@ -50,8 +50,8 @@ ViewFault = Literal[
     "out_of_map",
     "too_many_floors",
 ]
-_MAX_MISSED = 2**53  # what every reader of a snapshot can hold
-_RIGID = 1e-3  # of a rotation's R^T R - 1 and determinant; quaternions on the wire are normalised
+_MAX_MISSED = 2**53  # the largest number that every reader of a snapshot can represent
+_MAX_ROTATION_ERROR = 1e-3  # largest element of |R^T R - 1|; quaternions on the wire are normalised
 
 
 class ViewError(ValueError):
@@ -71,7 +71,7 @@ def check_view(view: PosedView, perception: ViewPerception | None) -> None:
         raise ViewError("wrong_size", f"its intrinsics are of {size} pixels, it came with {got}")
     _check_pose(view)
     _check_intrinsics(camera)
-    if _worst_depth(view.depth_m) != 0:
+    if _has_invalid_depth(view.depth_m):
         raise ViewError("bad_depth", "depth is in metres from 0 up (0 or NaN: none), got negative or infinite ones")
     if perception is not None:
         _check_perception(perception, camera)
@@ -82,7 +82,7 @@ def _check_pose(view: PosedView) -> None:
     if T.shape != (4, 4) or not np.isfinite(T).all() or not math.isfinite(view.mounting_offset_m):
         raise ViewError("bad_pose", "a pose (4, 4) and a mounting offset must be finite numbers")
     R = T[:3, :3]
-    if np.abs(R.T @ R - np.eye(3)).max() > _RIGID or np.linalg.det(R) < 0 or (T[3] != (0, 0, 0, 1)).any():
+    if np.abs(R.T @ R - np.eye(3)).max() > _MAX_ROTATION_ERROR or np.linalg.det(R) < 0 or (T[3] != (0, 0, 0, 1)).any():
         raise ViewError("bad_pose", "a pose must be a rotation and a translation: no scale, no mirror")
 
 
@@ -131,7 +131,7 @@ class LastView:
         intrinsics = float(c.width_px), float(c.height_px), c.fx_px, c.fy_px, c.cx_px, c.cy_px
         words: tuple[str, ...] = ()
         if perception is not None and not view.is_robot:  # only cameras' pictures are perceived again for new words
-            words = _shared(tuple(sorted(perception.words)))
+            words = _interned(tuple(sorted(perception.words)))
         return cls(view.seq, view.stamp_ns, pose, view.floor, view.floor_z_m, intrinsics, words)
 
 
@@ -140,10 +140,10 @@ class ValidationResult:
     """The answer of ``ViewValidator.validate``.
 
     Attributes:
-        is_new: False if the maps hold this very picture already.
+        is_new: False if the maps hold exactly this picture already.
         fault: why the view is refused; None if it isn't.
-        n_missed: observations of this robot that never came, between its previous one and this one.
-        is_doubted: whether the fault may be the source's new truth: a next view that agrees with this one is believed.
+        n_missed: number of observations of this robot that are missing between its previous one and this one.
+        is_doubted: whether the view may be right all the same, so that a next view which agrees with it is accepted.
     """
 
     is_new: bool
@@ -155,11 +155,11 @@ class ValidationResult:
 class ViewValidator:
     """Compares each view with the previous one of its source.
 
-    A view that doesn't fit the previous one is refused, but a next view that agrees with the refused one is believed.
-    So a robot that was relocalised, or whose clock was set, isn't refused for ever.
+    A view that can't follow the previous one is refused, but a next view that agrees with the refused one is accepted. So a robot
+    that was relocalised, or whose clock was set, isn't refused for ever.
 
     Attributes:
-        missed: by robot source, how many observations never arrived.
+        missed: number of observations that never arrived, by robot source.
     """
 
     def __init__(self, config: ValidationConfig) -> None:
@@ -170,35 +170,38 @@ class ViewValidator:
         self.missed: dict[str, int] = {}
 
     def validate(self, view: PosedView) -> ValidationResult:
-        """Judges a view that passed ``check_view``. Changes nothing: ``record_arrival`` and ``record_integrated`` do."""
+        """Compares a view that passed ``check_view`` with the previous one of its source.
+
+        It changes nothing; ``record_arrival`` and ``record_integrated`` do.
+        """
         key, current = (view.source, view.view), LastView.from_view(view)
         last, doubted = self._last.get(key), self._doubted.get(key)
         if last is not None and _is_repeat(last, current, view.is_robot):
             return ValidationResult(is_new=False)
         n_missed = self._count_missed(view)
         fault = self._fault(last, current, view.is_robot)
-        believed = (
+        agrees_with_doubted = (
             doubted is not None
             and not _is_repeat(doubted, current, view.is_robot)
             and not self._fault(doubted, current, view.is_robot)
         )
-        if fault is not None and not believed:
+        if fault is not None and not agrees_with_doubted:
             return ValidationResult(True, fault, n_missed, is_doubted=True)
-        if not _any_depth(view.depth_m):
+        if not _has_depth(view.depth_m):
             return ValidationResult(True, ViewError("no_depth", "not one pixel has a depth"), n_missed)
         return ValidationResult(True, None, n_missed)
 
-    def record_arrival(self, view: PosedView, verdict: ValidationResult) -> None:
-        """Updates the counts by a view that has arrived, and remembers it if the verdict doubts it."""
-        if not verdict.is_new:
+    def record_arrival(self, view: PosedView, result: ValidationResult) -> None:
+        """Updates the counts by a view that has arrived, and remembers it if it was doubted."""
+        if not result.is_new:
             return
         if view.is_robot:
-            if verdict.n_missed:
-                self.missed[view.source] = min(self.missed.get(view.source, 0) + verdict.n_missed, _MAX_MISSED)
+            if result.n_missed:
+                self.missed[view.source] = min(self.missed.get(view.source, 0) + result.n_missed, _MAX_MISSED)
             if view.source in self._last_seq or len(self._last_seq) < self._config.max_sources:
                 self._last_seq[view.source] = view.seq
         key = (view.source, view.view)
-        if verdict.is_doubted and (key in self._doubted or len(self._doubted) < self._config.max_sources):
+        if result.is_doubted and (key in self._doubted or len(self._doubted) < self._config.max_sources):
             self._doubted[key] = LastView.from_view(view)
 
     def record_integrated(self, view: PosedView, perception: ViewPerception | None) -> None:
@@ -206,7 +209,7 @@ class ViewValidator:
         key, current = (view.source, view.view), LastView.from_view(view, perception)
         last = self._last.pop(key, None)
         if last is not None and _is_repeat(last, current, view.is_robot):  # the same picture, perceived for more words
-            current = replace(current, words=_shared(tuple(sorted({*last.words, *current.words}))))
+            current = replace(current, words=_interned(tuple(sorted({*last.words, *current.words}))))
         self._last[key] = current
         if len(self._last) > self._config.max_sources:
             del self._last[next(iter(self._last))]
@@ -223,7 +226,7 @@ class ViewValidator:
         return frozenset(perception.words) - set(last.words)
 
     def _count_missed(self, view: PosedView) -> int:
-        """How many of a robot's sequence numbers are missing before this one. That is no fault: only the newest travels."""
+        """The number of a robot's observations missing before this one. That isn't a fault, since only the newest one is sent."""
         if not view.is_robot:
             return 0
         return max(0, view.seq - self._last_seq.get(view.source, view.seq) - 1)
@@ -275,7 +278,7 @@ class ViewValidator:
 
 
 @lru_cache(maxsize=4096)
-def _shared(words: tuple[str, ...]) -> tuple[str, ...]:
+def _interned(words: tuple[str, ...]) -> tuple[str, ...]:
     """The same tuple for equal words, so that a thousand views share one."""
     return words
 
@@ -295,7 +298,7 @@ def _is_repeat(last: LastView, current: LastView, is_robot: bool) -> bool:
 
 
 @njit(cache=True, nogil=True)
-def _worst(depth_m):  # type: ignore[no-untyped-def]
+def _find_invalid_depth(depth_m):  # type: ignore[no-untyped-def]
     for v in range(depth_m.shape[0]):
         for u in range(depth_m.shape[1]):
             if depth_m[v, u] < 0 or depth_m[v, u] == np.inf:
@@ -303,10 +306,10 @@ def _worst(depth_m):  # type: ignore[no-untyped-def]
     return 0
 
 
-def _worst_depth(depth_m: NDArray[np.floating]) -> int:
-    return int(_worst(depth_m))
+def _has_invalid_depth(depth_m: NDArray[np.floating]) -> bool:
+    return bool(_find_invalid_depth(depth_m))
 
 
-def _any_depth(depth_m: NDArray[np.floating]) -> bool:
+def _has_depth(depth_m: NDArray[np.floating]) -> bool:
     with np.errstate(invalid="ignore"):
         return bool((depth_m > 0).any())

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surveilnav.services.planner.core.config import PlannerConfig
-from surveilnav.services.planner.core.inputs import MapView
+from surveilnav.services.planner.core.inputs import FloorMaps
 from surveilnav.services.planner.core.motion.terrain import Terrain
 
 #: Where the value alone ranks frontiers, a metre of travel costs this little, so that it only decides between equal values.
@@ -41,7 +41,7 @@ class Frontier:
 
 
 def find_frontiers(
-    maps: MapView, terrain: Terrain, travel_time_m: NDArray[np.float64], config: PlannerConfig
+    maps: FloorMaps, terrain: Terrain, travel_time_m: NDArray[np.float64], config: PlannerConfig
 ) -> list[Frontier]:
     """Finds clusters of at least ``frontier_min_cells`` cells (8-connected) that a way leads to; long ones are cut into pieces.
 
@@ -67,7 +67,7 @@ def find_frontiers(
 
 
 def rank(
-    frontiers: Sequence[Frontier], maps: MapView, target: str, config: PlannerConfig
+    frontiers: Sequence[Frontier], maps: FloorMaps, target: str, config: PlannerConfig
 ) -> tuple[list[Frontier], bool]:
     """The frontiers with their values and scores, best first, and whether values were used.
 
@@ -113,7 +113,7 @@ def values_differ_enough(values: NDArray[np.float64], config: PlannerConfig) -> 
     return float(known.std()) >= least_std and mean > 0.0 and top / mean >= least_ratio
 
 
-def unexplored_side(maps: MapView, terrain: Terrain, x_m: float, y_m: float) -> tuple[float, float] | None:
+def unexplored_side(maps: FloorMaps, terrain: Terrain, x_m: float, y_m: float) -> tuple[float, float] | None:
     """Where to look from a frontier: the middle (x, y) [m] of the unexplored cells within 0.5 m of it. None: there are none."""
     hidden = (terrain.crop(maps.explored) == 0) & ~terrain.occupied & terrain.disc(x_m, y_m, 0.5)
     cells = np.argwhere(hidden)
@@ -144,7 +144,7 @@ def _least_travel_time(travel_time_m: NDArray[np.float64], cell: NDArray[np.int6
     return float(travel_time_m[max(0, row - k) : row + k + 1, max(0, col - k) : col + k + 1].min())
 
 
-def _value(frontier: Frontier, maps: MapView, target: str, config: PlannerConfig) -> float:
+def _value(frontier: Frontier, maps: FloorMaps, target: str, config: PlannerConfig) -> float:
     """A frontier's value by the strategy; NaN where nothing is known."""
     if config.strategy == "region":
         return _map_value(frontier, maps, config)
@@ -153,7 +153,7 @@ def _value(frontier: Frontier, maps: MapView, target: str, config: PlannerConfig
     return math.nan
 
 
-def values_near(maps: MapView, frontier: Frontier, radius_m: float) -> NDArray[np.float32]:
+def values_near(maps: FloorMaps, frontier: Frontier, radius_m: float) -> NDArray[np.float32]:
     """The known values (n,) of the map in a square around a frontier's middle, ``radius_m`` to each side."""
     row, col = (int(v) for v in maps.grid.cells_of((frontier.x_m, frontier.y_m)))
     k = max(1, round(radius_m / maps.grid.resolution_m))
@@ -161,13 +161,13 @@ def values_near(maps: MapView, frontier: Frontier, radius_m: float) -> NDArray[n
     return window[np.isfinite(window)]
 
 
-def _map_value(frontier: Frontier, maps: MapView, config: PlannerConfig) -> float:
+def _map_value(frontier: Frontier, maps: FloorMaps, config: PlannerConfig) -> float:
     """The highest value of the map within ``value_radius_m``; NaN if none is known."""
     known = values_near(maps, frontier, config.value_radius_m)
     return float(known.max()) if known.size else math.nan
 
 
-def _object_value(frontier: Frontier, maps: MapView, target: str, config: PlannerConfig) -> float:
+def _object_value(frontier: Frontier, maps: FloorMaps, target: str, config: PlannerConfig) -> float:
     """The relevance of the most relevant object near by, less with its distance; 0 if there is none."""
     best = 0.0
     for record in maps.objects:

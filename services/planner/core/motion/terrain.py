@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from surveilnav.geometry import Grid
 from surveilnav.robot_body import clearance_m, fits
 from surveilnav.services.planner.core.config import PlannerConfig
-from surveilnav.services.planner.core.inputs import MapView, RobotView
+from surveilnav.services.planner.core.inputs import FloorMaps, RobotView
 from surveilnav.services.planner.core.memory.mission_state import MissionState
 from surveilnav.services.planner.core.motion.fast_marching import fast_march
 
@@ -76,7 +76,7 @@ class Terrain:
 
 
 def build_terrain(
-    maps: MapView,
+    maps: FloorMaps,
     robot: RobotView,
     state: MissionState,
     config: PlannerConfig,
@@ -223,7 +223,7 @@ def coarse_travel_time_m(terrain: Terrain, x_m: float, y_m: float) -> NDArray[np
 
 
 def _known_window(
-    maps: MapView, robot: RobotView, places_m: Sequence[tuple[float, float]], config: PlannerConfig
+    maps: FloorMaps, robot: RobotView, places_m: Sequence[tuple[float, float]], config: PlannerConfig
 ) -> tuple[int, int, int, int]:
     """(row0, row1, col0, col1), ends excluded, of a window around everything known, the robot and the places, with a margin."""
     known = (maps.explored != 0) | (maps.occupancy != 0)

@@ -8,12 +8,15 @@ import onnxruntime
 from numpy.typing import NDArray
 
 from surveilnav.perception.boxes import Boxes
-from surveilnav.perception.detectors.onnx_file import LOWEST
+from surveilnav.perception.detectors.onnx_file import SCORE_FLOOR
 from surveilnav.perception.vocabulary import COCO
 
 
 class Deimv2:
-    """DEIMv2 (Huang et al. 2025), a DETR: stretched, RGB 0-1; gives labels, boxes and scores of its best queries."""
+    """DEIMv2 (Huang et al. 2025), a DETR.
+
+    Input: the picture stretched to a square, RGB 0-1. Output: labels, boxes and scores of its best queries.
+    """
 
     def __init__(self, name: str, session: onnxruntime.InferenceSession) -> None:
         self.name, self._session = name, session
@@ -27,7 +30,7 @@ class Deimv2:
         labels, boxes, scores = self._session.run(
             ["labels", "boxes", "scores"], {"images": tensor, "orig_target_sizes": sizes}
         )
-        keep = scores[0] >= LOWEST
+        keep = scores[0] >= SCORE_FLOOR
         table = np.zeros((int(keep.sum()), len(COCO)), np.float32)
         table[np.arange(len(table)), np.clip(labels[0][keep], 0, len(COCO) - 1)] = scores[0][keep]
         return Boxes(boxes[0][keep].astype(np.float32), table, COCO).clipped(width, height)

@@ -1,7 +1,7 @@
-"""What a view's depth says of each place, as channels for a network: how far, how large, how high, and how a surface lies.
+"""Depth as input channels of a network: for each cell, distance, size, height, and the orientation of the surface.
 
-All of it comes from inverse depth: its noise grows least with distance, and that of a plane is linear in the picture. So a
-plane's normal is a slope, without a loop over points.
+All channels are computed from inverse depth, whose noise grows least with distance. The inverse depth of a plane is linear in
+the picture, so that its gradient gives the plane's normal.
 """
 
 from __future__ import annotations
@@ -12,20 +12,20 @@ from numpy.typing import NDArray
 
 from surveilnav.geometry import Pinhole
 
-#: Share of cells with depth; inverse depth [1/m]; log of metres a cell; metres below the sensor; unit normal (x, y, z).
+#: Share of samples with depth; inverse depth [1/m]; log of the cell's size; height below the sensor; unit normal (x, y, z).
 N_CHANNELS = 7
 _NEAREST_M, _FARTHEST_M = 0.1, 30.0
-#: Samples of depth that are averaged across a cell; more are skipped.
+#: Number of depth samples that are averaged across a cell's width.
 _SAMPLES = 3
 
 
 def depth_channels(depth_m: NDArray[np.float32], camera: Pinhole, width: int, height: int) -> NDArray[np.float32]:
-    """(height, width, ``N_CHANNELS``) float32, each about -2 to 2, 0 where there is no depth.
+    """(height, width, ``N_CHANNELS``) float32, with values of about -2 to 2; 0 where there is no depth.
 
     Args:
-        depth_m: (H, W) of the whole picture [m], 0: none.
-        camera: its intrinsics.
-        width, height: of the grid; a cell is a rectangle of the picture.
+        depth_m: (H, W) depth of the picture [m], 0 where there is none.
+        camera: intrinsics of the picture.
+        width, height: size of the output grid, whose cells divide the picture evenly.
     """
     step = max(1, depth_m.shape[1] // (_SAMPLES * width))
     sampled = depth_m[::step, ::step]
@@ -42,7 +42,8 @@ def depth_channels(depth_m: NDArray[np.float32], camera: Pinhole, width: int, he
     out[..., 1] = np.minimum(inverse, 3.0)
     out[..., 2] = 0.7 * (3.5 - np.log(inverse * lens.fx_px))
     out[..., 3] = np.clip(0.5 * rays[..., 1] / inverse, -2.0, 2.0)
-    # A plane's inverse depth is n . ray / d: its slopes along the rays are n's x and y, what is left over is z.
+    # The inverse depth of a plane with normal n at distance d is n . ray / d. Its derivatives along the rays' x and y are
+    # proportional to the normal's x and y; the remainder is its z.
     across = cv2.Sobel(inverse, cv2.CV_32F, 1, 0, ksize=5, scale=lens.fx_px / 128.0)
     along = cv2.Sobel(inverse, cv2.CV_32F, 0, 1, ksize=5, scale=lens.fy_px / 128.0)
     ahead = inverse - rays[..., 0] * across - rays[..., 1] * along

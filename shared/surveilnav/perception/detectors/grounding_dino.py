@@ -1,6 +1,7 @@
 """Grounding DINO (Liu et al. 2023, arXiv 2303.05499) and MM-Grounding-DINO (Zhao et al. 2024, arXiv 2401.02361).
 
-A picture and a text look at each other; 900 queries give a box each, and how well every token of the text fits it.
+The network combines a picture and a text by cross-attention. Each of its 900 queries outputs a box, and how well each token
+of the text fits it.
 """
 
 from __future__ import annotations
@@ -13,20 +14,20 @@ import transformers
 from numpy.typing import NDArray
 
 from surveilnav.perception.boxes import Boxes
-from surveilnav.perception.detectors.queries import chosen, corners, in_groups, things
-from surveilnav.perception.detectors.spans import Marks, Prompt, cleaned, prompts, word_scores
-from surveilnav.perception.detectors.word_length import WordLength
+from surveilnav.perception.detectors.queries import detect_in_groups, merge_queries, select_queries, to_corners
+from surveilnav.perception.detectors.spans import Prompt, SpecialTokens, build_prompts, clean_word, word_scores
+from surveilnav.perception.detectors.word_length import WordLengthCheck
 from surveilnav.perception.runtime import Runtime
-from surveilnav.perception.torch_model import image_processor, load, numbers, tokenizer
+from surveilnav.perception.torch_model import load_image_processor, load_model, load_tokenizer, to_numpy
 
 MODEL_TYPES = ("grounding-dino", "mm-grounding-dino")
 
-#: Boxes of one thing overlap so much. The network needs no suppression of its own, but its passes don't know each other.
+#: Boxes with at least this IoU are one object. One pass gives no duplicates, but different passes may find the same object.
 _SAME_THING_IOU = 0.8
 
 
 class GroundingDino:
-    """The detector of this module. ``vocabulary``: None, it knows any word but those that it ``refuses`` (``ChecksWords``)."""
+    """A ``Detector`` with an open vocabulary, which still refuses some words (``ChecksWords``)."""
 
     vocabulary = None
 
@@ -40,31 +41,33 @@ class GroundingDino:
         text_threshold: float = 0.25,
         words_per_pass: int = 0,
     ) -> None:
-        """Loads a folder of transformers.
+        """Loads a model from a folder in the format of transformers.
 
         Args:
             path: the folder.
-            model: its id.
+            model: the model's id.
             runtime: where and how it runs.
             threshold: the score of its best word that a box needs.
-            text_threshold: other words of a box with less count as not said.
-            words_per_pass: how many words one text holds; 0: as many as fit.
+            text_threshold: a box's scores for other words below this are set to zero.
+            words_per_pass: number of words in one text; 0: as many as fit.
 
         Raises:
-            PerceptionError: it can't be loaded.
+            PerceptionError: the folder can't be loaded.
         """
         self.model, self.threshold, self.text_threshold = model, threshold, text_threshold
         self.words_per_pass = words_per_pass
-        self._model = load(transformers.AutoModelForZeroShotObjectDetection, path, MODEL_TYPES, runtime or Runtime())
-        self._most_tokens = int(self._model.net.config.max_text_len)
-        self._images, self._tokenizer = image_processor(path), tokenizer(path)
-        self.refuses = WordLength(path, self._most_tokens, "{}.".format).refuses
+        self._model = load_model(
+            transformers.AutoModelForZeroShotObjectDetection, path, MODEL_TYPES, runtime or Runtime()
+        )
+        self._max_tokens = int(self._model.net.config.max_text_len)
+        self._images, self._tokenizer = load_image_processor(path), load_tokenizer(path)
+        self.refusal = WordLengthCheck(path, self._max_tokens, "{}.".format).refusal
         start, stop, dot, question = self._tokenizer.convert_tokens_to_ids(["[CLS]", "[SEP]", ".", "?"])
-        self._marks = Marks(start, stop, dot, inside=(question,))
+        self._special = SpecialTokens(start, stop, dot, separators=(question,))
 
     def detect(self, images: Sequence[NDArray[np.uint8]], words: Sequence[Sequence[str]]) -> list[Boxes]:
-        """See ``Detector.detect``. Pictures of one size that are asked for the same words run as one batch."""
-        return in_groups(images, words, self._detect, self.refuses)
+        """See ``Detector.detect``. Pictures of the same size with the same words run as one batch."""
+        return detect_in_groups(images, words, self._detect, self.refusal)
 
     def _detect(self, images: Sequence[NDArray[np.uint8]], words: tuple[str, ...]) -> list[Boxes]:
         pixels = self._images(list(images), return_tensors="np")["pixel_values"]
@@ -73,24 +76,24 @@ class GroundingDino:
         for prompt in self.prompts(words):
             for row, (cxcywh, logits) in enumerate(self._pass(pixels, prompt)):
                 scores = word_scores(logits, prompt, len(words))
-                xyxy = corners(cxcywh, width, height)
-                parts[row].append(chosen(xyxy, scores, words, self.threshold, self.text_threshold))
-        return [things(of_one, _SAME_THING_IOU, width, height) for of_one in parts]
+                xyxy = to_corners(cxcywh, width, height)
+                parts[row].append(select_queries(xyxy, scores, words, self.threshold, self.text_threshold))
+        return [merge_queries(of_one, _SAME_THING_IOU, width, height) for of_one in parts]
 
     def prompts(self, words: Sequence[str]) -> list[Prompt]:
-        """The texts in which these words are looked for.
+        """The texts that look for these words, one for each pass.
 
         Raises:
-            PerceptionError: a word names nothing, or is too long.
+            PerceptionError: a word has no letters or digits, or is too long.
         """
-        tokens = [self._tokenizer(cleaned(word), add_special_tokens=False)["input_ids"] for word in words]
-        return prompts(tokens, self._marks, self._most_tokens, self.words_per_pass)
+        tokens = [self._tokenizer(clean_word(word), add_special_tokens=False)["input_ids"] for word in words]
+        return build_prompts(tokens, self._special, self._max_tokens, self.words_per_pass)
 
     def _pass(
         self, pixels: NDArray[np.float32], prompt: Prompt
     ) -> list[tuple[NDArray[np.float32], NDArray[np.float32]]]:
-        """Of each picture (Q, 4) centres and sizes of boxes in shares of its sides, and logits (Q, tokens)."""
+        """For each picture, boxes (Q, 4) as centre and size in shares of its sides, and logits (Q, tokens)."""
         ids = np.repeat(prompt.ids[None], len(pixels), axis=0)
         with self._model.running():
             out = self._model.net(pixel_values=self._model.tensor(pixels), input_ids=self._model.tensor(ids))
-        return list(zip(numbers(out.pred_boxes), numbers(out.logits), strict=True))
+        return list(zip(to_numpy(out.pred_boxes), to_numpy(out.logits), strict=True))

@@ -1,7 +1,7 @@
-"""A coarse mask made fine by depth: joint bilateral upsampling (Kopf, Cohen, Lischinski, Uyttendaele 2007).
+"""Refines a coarse mask by depth: joint bilateral upsampling (Kopf, Cohen, Lischinski, Uyttendaele 2007).
 
-A pixel takes its logit from the coarse cells around it, above all from those at its own distance. So a mask ends where depth
-jumps, though its cells are eight pixels wide.
+The logit of a pixel is a weighted mean of the coarse cells around it, in which cells at the pixel's own depth count most. The
+mask's edge follows the jumps of depth that way, although a coarse cell is eight pixels wide.
 """
 
 from __future__ import annotations
@@ -12,29 +12,30 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float32]
 
-#: Cells whose log of depth differs by this count e^-1/2 as much.
-_LOG_DEPTH = 0.03
-#: The cells around a pixel, and how fast they count less with distance [cells].
-_AROUND, _SIGMA_CELLS = (-1, 0, 1, 2), 0.7
-#: Depth that isn't known, as a distance of its own.
+#: Standard deviation of the weight over the difference in log depth.
+_SIGMA_LOG_DEPTH = 0.03
+#: Offsets of the cells around a pixel, and standard deviation of their weight over the distance [cells].
+_OFFSETS, _SIGMA_CELLS = (-1, 0, 1, 2), 0.7
+#: Unknown depth is treated as this distance, which is unlike all others.
 _UNKNOWN_M = 100.0
-#: No pixel is worth more work: a larger window is looked at on a coarser grid.
-_MOST_PIXELS = 12_000
+#: Larger windows are computed on a coarser grid, and enlarged.
+_MAX_PIXELS = 12_000
 
 
 def guided_mask(
     logits: Floats, depth_m: Floats, cells: tuple[int, int, int, int], cells_per_pixel: float
 ) -> NDArray[np.bool_]:
-    """(y1 - y0, x1 - x0) the mask of a window of a picture.
+    """The mask (y1 - y0, x1 - x0) of a window of a picture.
 
     Args:
-        logits: (h, w) coarse, of the whole picture; above 0: the mask. Cell (0, 0) begins where the picture begins.
-        depth_m: (H, W) of the picture [m], 0: none.
-        cells: (x0, y0, x1, y1) the window [pixels].
-        cells_per_pixel: coarse cells a pixel.
+        logits: (h, w) coarse logits of the whole picture, positive inside the mask. The corners of cell (0, 0) and of the
+            picture coincide.
+        depth_m: (H, W) depth of the picture [m], 0 where there is none.
+        cells: the window (x0, y0, x1, y1) [pixels].
+        cells_per_pixel: size of a pixel in coarse cells.
     """
     x0, y0, x1, y1 = cells
-    step = max(1, int(np.ceil(np.sqrt((y1 - y0) * (x1 - x0) / _MOST_PIXELS))))
+    step = max(1, int(np.ceil(np.sqrt((y1 - y0) * (x1 - x0) / _MAX_PIXELS))))
     rows, columns = np.arange(y0, y1, step), np.arange(x0, x1, step)
     fine = _log_depth(depth_m[np.ix_(rows, columns)])
     (i, dy), (j, dx) = (_place(at, cells_per_pixel) for at in (rows, columns))
@@ -45,13 +46,13 @@ def guided_mask(
         for n, side in ((h, depth_m.shape[0]), (w, depth_m.shape[1]))
     ]
     coarse = _log_depth(depth_m[np.ix_(*middles)])
-    beside = [(np.clip(j + right, 0, w - 1), _nearness(right - dx)) for right in _AROUND]
-    for down in _AROUND:
+    beside = [(np.clip(j + right, 0, w - 1), _nearness(right - dx)) for right in _OFFSETS]
+    for down in _OFFSETS:
         r, near_y = np.clip(i + down, 0, h - 1), _nearness(down - dy)
         for c, near_x in beside:
             at = np.ix_(r, c)
-            off = (fine - coarse[at]) / np.float32(_LOG_DEPTH)
-            # next to nothing, but not nothing: where no cell is at its distance, the nearest speak
+            off = (fine - coarse[at]) / np.float32(_SIGMA_LOG_DEPTH)
+            # the small constant lets the nearest cells decide where none is at the pixel's depth
             weight = near_y[:, None] * near_x[None, :] * (np.exp(-0.5 * off * off) + np.float32(1e-6))
             total += weight * logits[at]
             weights += weight
@@ -66,7 +67,7 @@ def _log_depth(depth_m: Floats) -> Floats:
 
 
 def _place(pixels: NDArray[np.int64], cells_per_pixel: float) -> tuple[NDArray[np.int64], Floats]:
-    """(the cell at or before the middle of each pixel, how far after that cell's middle it lies [cells])."""
+    """For each pixel, the last cell whose centre isn't after the pixel's centre, and the distance between the two [cells]."""
     at = (pixels + 0.5) * cells_per_pixel - 0.5
     before = np.floor(at)
     return before.astype(np.int64), (at - before).astype(np.float32)

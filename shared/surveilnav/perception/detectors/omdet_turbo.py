@@ -1,6 +1,6 @@
-"""OmDet-Turbo (Zhao et al. 2024, arXiv 2403.06892): every word is a text of its own, and is compared with 900 queries.
+"""OmDet-Turbo (Zhao et al. 2024, arXiv 2403.06892). Each word is a text of its own, and is compared with 900 queries.
 
-The published weights have a Swin backbone of timm: they need that package too.
+The published weights have a Swin backbone of the package timm, which must be installed, too.
 """
 
 from __future__ import annotations
@@ -14,50 +14,50 @@ import transformers
 from numpy.typing import NDArray
 
 from surveilnav.perception.boxes import Boxes
-from surveilnav.perception.detectors.queries import chosen, corners, in_groups, things
-from surveilnav.perception.detectors.spans import cleaned
-from surveilnav.perception.detectors.word_length import WordLength
+from surveilnav.perception.detectors.queries import detect_in_groups, merge_queries, select_queries, to_corners
+from surveilnav.perception.detectors.spans import clean_word
+from surveilnav.perception.detectors.word_length import WordLengthCheck
 from surveilnav.perception.runtime import Runtime
-from surveilnav.perception.torch_model import image_processor, load, numbers, tokenizer, tokens
+from surveilnav.perception.torch_model import load_image_processor, load_model, load_tokenizer, to_numpy, tokenize
 
 MODEL_TYPES = ("omdet-turbo",)
 
 _SAME_THING_IOU = 0.5  # the paper's
-_MOST_TOKENS = 77  # of a text, in training
+_MAX_TOKENS = 77  # length of a text in training
 
 
 class OmDetTurbo:
-    """The detector of this module. ``vocabulary``: None, it knows any word but those that it ``refuses`` (``ChecksWords``)."""
+    """A ``Detector`` with an open vocabulary, which still refuses some words (``ChecksWords``)."""
 
     vocabulary = None
 
     def __init__(self, path: Path, model: str, runtime: Runtime | None = None, *, threshold: float = 0.3) -> None:
-        """Loads a folder of transformers.
+        """Loads a model from a folder in the format of transformers.
 
         Args:
             path: the folder.
-            model: its id.
+            model: the model's id.
             runtime: where and how it runs.
             threshold: the score of its best word that a box needs.
 
         Raises:
-            PerceptionError: it can't be loaded.
+            PerceptionError: the folder can't be loaded.
         """
         self.model, self.threshold = model, threshold
-        self._model = load(transformers.OmDetTurboForObjectDetection, path, MODEL_TYPES, runtime or Runtime())
-        self._images, self._tokenizer = image_processor(path), tokenizer(path)
-        self.refuses = WordLength(path, _MOST_TOKENS).refuses
+        self._model = load_model(transformers.OmDetTurboForObjectDetection, path, MODEL_TYPES, runtime or Runtime())
+        self._images, self._tokenizer = load_image_processor(path), load_tokenizer(path)
+        self.refusal = WordLengthCheck(path, _MAX_TOKENS).refusal
 
     def detect(self, images: Sequence[NDArray[np.uint8]], words: Sequence[Sequence[str]]) -> list[Boxes]:
-        """See ``Detector.detect``. Pictures of one size that are asked for the same words run as one batch."""
-        return in_groups(images, words, self._detect, self.refuses)
+        """See ``Detector.detect``. Pictures of the same size with the same words run as one batch."""
+        return detect_in_groups(images, words, self._detect, self.refusal)
 
     def _detect(self, images: Sequence[NDArray[np.uint8]], words: tuple[str, ...]) -> list[Boxes]:
-        clean = [cleaned(word) for word in words]
+        clean = [clean_word(word) for word in words]
         n = len(images)
         task, classes = (
-            tokens(self._tokenizer, [f"Detect {', '.join(clean)}."]),
-            tokens(self._tokenizer, clean, most=_MOST_TOKENS, whole=True),
+            tokenize(self._tokenizer, [f"Detect {', '.join(clean)}."]),
+            tokenize(self._tokenizer, clean, max_tokens=_MAX_TOKENS, refuse_long=True),
         )
         pixels = self._images(list(images), return_tensors="pt")["pixel_values"]
         inputs = {
@@ -70,11 +70,14 @@ class OmDetTurbo:
         }
         with self._model.running():
             out = self._model.net(**{name: tensor.to(self._model.device) for name, tensor in inputs.items()})
-        every = zip(numbers(out.decoder_coord_logits), numbers(out.decoder_class_logits.sigmoid()), strict=True)
+        results = zip(to_numpy(out.decoder_coord_logits), to_numpy(out.decoder_class_logits.sigmoid()), strict=True)
         height, width = images[0].shape[:2]
         return [
-            things(
-                [chosen(corners(cxcywh, width, height), scores, words, self.threshold)], _SAME_THING_IOU, width, height
+            merge_queries(
+                [select_queries(to_corners(cxcywh, width, height), scores, words, self.threshold)],
+                _SAME_THING_IOU,
+                width,
+                height,
             )
-            for cxcywh, scores in every
+            for cxcywh, scores in results
         ]

@@ -8,12 +8,16 @@ import onnxruntime
 from numpy.typing import NDArray
 
 from surveilnav.perception.boxes import Boxes
-from surveilnav.perception.detectors.onnx_file import LOWEST
+from surveilnav.perception.detectors.onnx_file import SCORE_FLOOR
 from surveilnav.perception.vocabulary import COCO
 
 
 class Picodet:
-    """PicoDet (Yu et al. 2021): stretched, BGR normalised; per stride class scores and distance distributions."""
+    """PicoDet (Yu et al. 2021).
+
+    Input: the picture stretched to a square, BGR, normalised. Output: for each stride, class scores and the distributions of
+    the distances to the box's sides.
+    """
 
     _MEAN = np.array([103.53, 116.28, 123.675], np.float32)
     _STD = np.array([57.375, 57.12, 58.395], np.float32)
@@ -31,7 +35,7 @@ class Picodet:
         levels = len(outputs) // 2
         parts = []
         for scores, distances, stride in zip(outputs[:levels], outputs[levels:], (8, 16, 32, 64), strict=True):
-            keep = scores[0].max(axis=1) >= LOWEST
+            keep = scores[0].max(axis=1) >= SCORE_FLOOR
             n = self._size // stride + (self._size % stride > 0)
             index = np.flatnonzero(keep)
             centre = (np.stack([index % n, index // n], axis=1) + 0.5) * stride
@@ -40,7 +44,7 @@ class Picodet:
             reach = (bins * np.arange(bins.shape[2])).sum(axis=2) / bins.sum(axis=2) * stride
             xyxy = np.concatenate([centre - reach[:, :2], centre + reach[:, 2:]], axis=1)
             table = scores[0][keep].astype(np.float32)
-            parts.append(Boxes(xyxy.astype(np.float32), np.where(table < LOWEST, np.float32(0), table), COCO))
-        boxes = Boxes.joined(parts)
+            parts.append(Boxes(xyxy.astype(np.float32), np.where(table < SCORE_FLOOR, np.float32(0), table), COCO))
+        boxes = Boxes.concatenate(parts)
         scale = np.array([width, height, width, height], np.float32) / np.float32(self._size)
         return Boxes(boxes.xyxy * scale, boxes.scores, COCO).clipped(width, height)

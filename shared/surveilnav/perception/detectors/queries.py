@@ -1,4 +1,4 @@
-"""What detectors with an open vocabulary share: they answer with queries, each a box and a score for every word."""
+"""What open-vocabulary detectors share. Their networks output queries, each a box with a score for every word."""
 
 from __future__ import annotations
 
@@ -7,54 +7,63 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from surveilnav.perception.boxes import Boxes, merged
+from surveilnav.perception.boxes import Boxes, merge_overlapping
 
-#: Finds words in pictures of one size, all asked for the same words.
-Finder = Callable[[Sequence[NDArray[np.uint8]], tuple[str, ...]], list[Boxes]]
+#: Detects words in a batch of pictures, which have one size and the same words.
+BatchDetector = Callable[[Sequence[NDArray[np.uint8]], tuple[str, ...]], list[Boxes]]
 
 
-def in_groups(
-    images: Sequence[NDArray[np.uint8]], words: Sequence[Sequence[str]], find: Finder, refuses: Callable[[str], str]
+def detect_in_groups(
+    images: Sequence[NDArray[np.uint8]],
+    words: Sequence[Sequence[str]],
+    detect: BatchDetector,
+    refusal: Callable[[str], str],
 ) -> list[Boxes]:
-    """``Detector.detect`` by a ``find`` that gets as a batch what has one size and the same words: such pictures need no
-    padding, so none changes what is said of another.
+    """``Detector.detect`` by means of ``detect``, which processes pictures of the same size with the same words as a batch.
 
-    Words that the detector ``refuses`` aren't looked for, and their columns are zero: one word doesn't blind a view.
+    Such pictures need no padding, so that none influences the result of another. Words with a ``refusal`` aren't looked for,
+    and their scores are zero: a single word must not make a view fail.
     """
-    found = [Boxes.empty(tuple(asked)) for asked in words]
+    found = [Boxes.empty(tuple(wanted)) for wanted in words]
     groups: dict[tuple[tuple[int, ...], tuple[str, ...]], list[int]] = {}
-    for row, (image, asked) in enumerate(zip(images, words, strict=True)):
-        if sought := tuple(word for word in asked if not refuses(word)):
-            groups.setdefault((image.shape, sought), []).append(row)
-    for (_, sought), rows in groups.items():
-        for row, boxes in zip(rows, find([images[row] for row in rows], sought), strict=True):
-            found[row] = _widened(boxes, tuple(words[row]), refuses)
+    for row, (image, wanted) in enumerate(zip(images, words, strict=True)):
+        if searched := tuple(word for word in wanted if not refusal(word)):
+            groups.setdefault((image.shape, searched), []).append(row)
+    for (_, searched), rows in groups.items():
+        for row, boxes in zip(rows, detect([images[row] for row in rows], searched), strict=True):
+            found[row] = _with_all_words(boxes, tuple(words[row]), refusal)
     return found
 
 
-def _widened(boxes: Boxes, asked: tuple[str, ...], refuses: Callable[[str], str]) -> Boxes:
-    """The boxes with a column for every word asked for."""
-    scores = np.zeros((len(boxes), len(asked)), np.float32)
-    scores[:, [column for column, word in enumerate(asked) if not refuses(word)]] = boxes.scores
-    return Boxes(boxes.xyxy, scores, asked)
+def _with_all_words(boxes: Boxes, wanted: tuple[str, ...], refusal: Callable[[str], str]) -> Boxes:
+    """The boxes with columns of zeros for the words that weren't looked for."""
+    scores = np.zeros((len(boxes), len(wanted)), np.float32)
+    scores[:, [column for column, word in enumerate(wanted) if not refusal(word)]] = boxes.scores
+    return Boxes(boxes.xyxy, scores, wanted)
 
 
-def corners(cxcywh: NDArray[np.float32], width_px: float, height_px: float) -> NDArray[np.float32]:
-    """Boxes (N, 4) xyxy [pixels] of centres and sizes in shares of a picture's sides."""
+def to_corners(cxcywh: NDArray[np.float32], width_px: float, height_px: float) -> NDArray[np.float32]:
+    """Boxes (N, 4) xyxy [pixels] from centres and sizes (N, 4) in shares of a picture's sides."""
     centre, half = cxcywh[:, :2], cxcywh[:, 2:] / 2
     scale = np.array([width_px, height_px] * 2, np.float32)
     return np.asarray(np.concatenate([centre - half, centre + half], axis=1) * scale, np.float32)
 
 
-def chosen(
+def select_queries(
     xyxy: NDArray[np.float32], scores: NDArray[np.float32], words: Sequence[str], threshold: float, floor: float = 0.0
 ) -> Boxes:
-    """Of queries (Q, 4) and (Q, W) those whose best word reaches ``threshold``; scores below ``floor`` count as unsaid."""
+    """The queries whose best word reaches ``threshold``.
+
+    Args:
+        xyxy: (Q, 4) boxes [pixels].
+        scores: (Q, W); those below ``floor`` are set to zero.
+        words: names of the W columns.
+    """
     keep = scores.max(axis=1) >= threshold
-    said = np.where(scores >= floor, scores, 0.0).astype(np.float32)
-    return Boxes(xyxy[keep], said[keep], tuple(words))
+    kept = np.where(scores >= floor, scores, 0.0).astype(np.float32)
+    return Boxes(xyxy[keep], kept[keep], tuple(words))
 
 
-def things(parts: Sequence[Boxes], same_thing_iou: float, width_px: int, height_px: int) -> Boxes:
-    """One box a thing, the best first, in the picture. What has no extent in it, or isn't a number, goes first."""
-    return merged(Boxes.joined(parts).clipped(width_px, height_px), same_thing_iou)
+def merge_queries(parts: Sequence[Boxes], same_thing_iou: float, width_px: int, height_px: int) -> Boxes:
+    """The boxes of several passes, one per object, best first. Those that are outside the picture or not finite are dropped."""
+    return merge_overlapping(Boxes.concatenate(parts).clipped(width_px, height_px), same_thing_iou)

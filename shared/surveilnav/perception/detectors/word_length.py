@@ -1,4 +1,4 @@
-"""Which words are too long for a detector: its network reads texts of a fixed number of tokens."""
+"""Finds words that are too long for a detector, whose network reads texts of a limited number of tokens."""
 
 from __future__ import annotations
 
@@ -7,52 +7,52 @@ from collections.abc import Callable
 from pathlib import Path
 
 from surveilnav.errors import PerceptionError
-from surveilnav.perception.detectors.spans import cleaned
-from surveilnav.perception.torch_model import tokenizer
+from surveilnav.perception.detectors.spans import clean_word
+from surveilnav.perception.torch_model import load_tokenizer
 
-_MOST_KEPT = 4096  # answers; all are forgotten then
+_MAX_CACHED = 4096  # answers; when there are more, all are dropped
 
 
-class WordLength:
-    """Says why a detector can't look for a word, from any thread and once a word.
+class WordLengthCheck:
+    """Says why a detector can't look for a word. Thread-safe; answers are cached.
 
-    It has a tokenizer of its own: a tokenizer serves one thread at a time, and the detector's is busy with views.
+    It has its own tokenizer, because tokenizers aren't thread-safe and the detector uses its tokenizer at the same time.
     """
 
-    def __init__(self, path: Path, most_tokens: int, text_of: Callable[[str], str] = str) -> None:
-        """The limit of a folder's model.
+    def __init__(self, path: Path, max_tokens: int, text_for: Callable[[str], str] = str) -> None:
+        """Loads the tokenizer of a model.
 
         Args:
-            path: the folder.
-            most_tokens: of a word's text, with the marks at its ends, where the tokenizer has no smaller limit.
-            text_of: the text in which the detector looks for a cleaned word.
+            path: the model's folder.
+            max_tokens: limit for a word's text, special tokens included. The tokenizer may have a lower one.
+            text_for: makes the text with which the detector looks for a word.
 
         Raises:
             PerceptionError: the folder has no tokenizer.
         """
-        self._tokenizer, self._text_of = tokenizer(path), text_of
-        self._most = min(int(self._tokenizer.model_max_length), most_tokens)
+        self._tokenizer, self._text_for = load_tokenizer(path), text_for
+        self._max_tokens = min(int(self._tokenizer.model_max_length), max_tokens)
         self._lock = threading.Lock()
-        self._said: dict[str, str] = {}
+        self._answers: dict[str, str] = {}
 
-    def refuses(self, word: str) -> str:
-        """See ``ChecksWords.refuses``."""
+    def refusal(self, word: str) -> str:
+        """See ``ChecksWords.refusal``."""
         with self._lock:
-            if word not in self._said:
-                if len(self._said) >= _MOST_KEPT:
-                    self._said.clear()
-                self._said[word] = self._why_not(word)
-            return self._said[word]
+            if word not in self._answers:
+                if len(self._answers) >= _MAX_CACHED:
+                    self._answers.clear()
+                self._answers[word] = self._check(word)
+            return self._answers[word]
 
-    def _why_not(self, word: str) -> str:
+    def _check(self, word: str) -> str:
         try:
-            text = self._text_of(cleaned(word))
+            text = self._text_for(clean_word(word))
         except PerceptionError as error:
             return str(error)
-        n, around = (len(self._tokenizer(said, verbose=False)["input_ids"]) for said in (text, self._text_of("")))
-        if n <= self._most:
+        n, around = (len(self._tokenizer(t, verbose=False)["input_ids"]) for t in (text, self._text_for("")))
+        if n <= self._max_tokens:
             return ""
         return (
-            f"{word[:100]!r} is too long for this detector: expected up to {self._most - around} tokens (about as many short "
-            f"words), got {n - around}. Say it shorter"
+            f"{word[:100]!r} is too long for this detector: expected up to {self._max_tokens - around} tokens "
+            f"(about as many short words), got {n - around}. Say it shorter"
         )

@@ -1,8 +1,8 @@
-"""YOLO-World (Cheng et al. 2024, arXiv 2401.17270) from a user's own ONNX file: its words were baked in at export.
+"""YOLO-World (Cheng et al. 2024, arXiv 2401.17270) from a user's ONNX file, for the words that it was exported with.
 
-Two layouts are read, as the usual exporters write them: one output (1, 4 + W, N) of boxes (centre, size) and word scores in
-the input's pixels; or four outputs ``num_dets``, ``boxes`` (corners), ``scores``, ``labels`` after suppression. The words
-stand in the file's metadata (``names``), else in a text file beside it, a line each; none may be empty.
+Two layouts are supported, those of the usual exporters: one output (1, 4 + W, N) with boxes (centre and size in pixels of the
+input) and word scores; or four outputs ``num_dets``, ``boxes`` (corners), ``scores`` and ``labels`` after non-maximum
+suppression. The words are read from the file's metadata (``names``), else from a text file beside it with one word per line.
 """
 
 from __future__ import annotations
@@ -18,26 +18,28 @@ import onnxruntime
 from numpy.typing import NDArray
 
 from surveilnav.errors import PerceptionError
-from surveilnav.perception.boxes import Boxes, merged
-from surveilnav.perception.detectors.onnx_file import LOWEST, session
+from surveilnav.perception.boxes import Boxes, merge_overlapping
+from surveilnav.perception.detectors.onnx_file import SCORE_FLOOR, open_session
 from surveilnav.perception.runtime import Runtime
 from surveilnav.perception.vocabulary import Vocabulary
 from surveilnav.words import canonical
 
 _PADDING = 114  # grey, as in training
-_SAME_THING_IOU = 0.7  # of its own suppression
+_SAME_THING_IOU = 0.7  # as in its own non-maximum suppression
 
 
 class YoloWorld:
-    """The detector in one file. ``threshold``: weaker scores count as none.
+    """The detector in one file. Scores below ``threshold`` are set to zero.
 
     Raises:
-        PerceptionError: the file is no YOLO-World, or nothing says what its words are.
+        PerceptionError: the file is no YOLO-World network, or its words can't be found.
     """
 
-    def __init__(self, path: Path, model: str, runtime: Runtime | None = None, *, threshold: float = LOWEST) -> None:
+    def __init__(
+        self, path: Path, model: str, runtime: Runtime | None = None, *, threshold: float = SCORE_FLOOR
+    ) -> None:
         self.model, self._path, self._threshold = model, path, threshold
-        self._session = session(path, runtime or Runtime())
+        self._session = open_session(path, runtime or Runtime())
         entry = self._session.get_inputs()[0]
         if len(entry.shape) != 4 or not all(isinstance(n, int) for n in entry.shape[1:]) or entry.shape[1] != 3:
             raise PerceptionError(
@@ -45,21 +47,27 @@ class YoloWorld:
             )
         self._input, (self._height, self._width) = entry.name, entry.shape[2:]
         self._outputs = [output.name for output in self._session.get_outputs()]
-        self.vocabulary = Vocabulary(path.stem, words_of(path, self._session))
+        self.vocabulary = Vocabulary(path.stem, exported_words(path, self._session))
 
     def detect(self, images: Sequence[NDArray[np.uint8]], words: Sequence[Sequence[str]] = ()) -> list[Boxes]:
-        """See ``Detector.detect``: one picture after the other, since the file takes one."""
-        return [self._one(rgb) for rgb in images]
+        """See ``Detector.detect``. Pictures are processed one by one, because the file has a batch size of 1."""
+        return [self._detect(rgb) for rgb in images]
 
-    def _one(self, rgb: NDArray[np.uint8]) -> Boxes:
+    def _detect(self, rgb: NDArray[np.uint8]) -> Boxes:
         tensor, ratio, left, top = letterboxed(rgb, self._width, self._height)
         out = [np.asarray(o) for o in self._session.run(None, {self._input: tensor})]
-        found = self._dense(out[0]) if len(out) == 1 else self._suppressed(dict(zip(self._outputs, out, strict=True)))
+        found = (
+            self._boxes_of_one_output(out[0])
+            if len(out) == 1
+            else self._boxes_of_four_outputs(dict(zip(self._outputs, out, strict=True)))
+        )
         xyxy = (found.xyxy - np.array([left, top, left, top], np.float32)) / np.float32(ratio)
-        return merged(Boxes(xyxy, found.scores, found.words).clipped(rgb.shape[1], rgb.shape[0]), _SAME_THING_IOU)
+        return merge_overlapping(
+            Boxes(xyxy, found.scores, found.words).clipped(rgb.shape[1], rgb.shape[0]), _SAME_THING_IOU
+        )
 
-    def _dense(self, output: NDArray[Any]) -> Boxes:
-        """Of (1, 4 + W, N), or with the last two axes swapped."""
+    def _boxes_of_one_output(self, output: NDArray[Any]) -> Boxes:
+        """The boxes in one output (1, 4 + W, N), or (1, N, 4 + W)."""
         n = 4 + len(self.vocabulary)
         table = output[0] if output.ndim == 3 else output
         table = table.T if table.shape[0] == n else table
@@ -73,8 +81,8 @@ class YoloWorld:
         xyxy = np.concatenate([table[:, :2] - half, table[:, :2] + half], axis=1).astype(np.float32)
         return Boxes(xyxy, scores, self.vocabulary)
 
-    def _suppressed(self, out: dict[str, NDArray[Any]]) -> Boxes:
-        """Of the four outputs after suppression."""
+    def _boxes_of_four_outputs(self, out: dict[str, NDArray[Any]]) -> Boxes:
+        """The boxes in the four outputs after suppression."""
         if missing := {"num_dets", "boxes", "scores", "labels"} - set(out):
             raise PerceptionError(f"{self._path.name}: expected the outputs {sorted(missing)}, got {sorted(out)}")
         n = int(out["num_dets"].ravel()[0])
@@ -88,8 +96,11 @@ class YoloWorld:
 def letterboxed(
     rgb: NDArray[np.uint8], width_px: int, height_px: int
 ) -> tuple[NDArray[np.float32], float, float, float]:
-    """A picture as the network wants it: (1, 3, height, width) RGB 0-1, in the middle of grey; and the scale from the
-    picture's pixels, and the picture's left and top edge [pixels] in it."""
+    """A picture scaled into the centre of a grey canvas.
+
+    Returns:
+        The network's input (1, 3, height, width), RGB 0-1; the scale; and the picture's left and top edge in it [pixels].
+    """
     ratio = min(width_px / rgb.shape[1], height_px / rgb.shape[0])
     size = round(rgb.shape[1] * ratio), round(rgb.shape[0] * ratio)
     left, top = (width_px - size[0]) // 2, (height_px - size[1]) // 2
@@ -98,23 +109,25 @@ def letterboxed(
     return canvas.transpose(2, 0, 1)[None].astype(np.float32) / np.float32(255), ratio, float(left), float(top)
 
 
-def words_of(path: Path, opened: onnxruntime.InferenceSession) -> list[str]:
-    """The words that a file was exported with, in its order.
+def exported_words(path: Path, opened: onnxruntime.InferenceSession) -> list[str]:
+    """The words that a file was exported with, in the order of its classes.
 
     Raises:
-        PerceptionError: neither the file nor a text file beside it says them, one is empty, or it says one twice.
+        PerceptionError: neither the file nor a text file beside it lists them, one is empty, or one occurs twice.
     """
-    said = opened.get_modelmeta().custom_metadata_map.get("names", "")
+    metadata = opened.get_modelmeta().custom_metadata_map.get("names", "")
     beside = path.with_suffix(".txt")
     try:
-        named = ast.literal_eval(said) if said else beside.read_text(encoding="utf-8").rstrip().splitlines()
+        named = ast.literal_eval(metadata) if metadata else beside.read_text(encoding="utf-8").rstrip().splitlines()
         names = [str(named[i]) for i in range(len(named))] if isinstance(named, dict) else [str(name) for name in named]
     except (OSError, ValueError, SyntaxError, KeyError, TypeError) as error:
         raise PerceptionError(
             f"{path.name} doesn't say which words it was exported with: expected metadata called names, or {beside.name} "
             f"beside it with a word a line ({error})"
         ) from error
-    if empty := [place for place, name in enumerate(names) if not name.strip()]:  # left out, all after it would shift
+    if empty := [
+        place for place, name in enumerate(names) if not name.strip()
+    ]:  # without it, all classes after it would be named wrongly
         raise PerceptionError(f"the words of {path.name} hold an empty one at place {empty[0]}: name each class")
     words = [canonical(name) for name in names]
     if len(set(words)) != len(words) or not words:

@@ -8,12 +8,15 @@ import onnxruntime
 from numpy.typing import NDArray
 
 from surveilnav.perception.boxes import Boxes
-from surveilnav.perception.detectors.onnx_file import LOWEST
+from surveilnav.perception.detectors.onnx_file import SCORE_FLOOR
 from surveilnav.perception.vocabulary import COCO
 
 
 class Yolox:
-    """YOLOX (Ge et al. 2021): letterboxed to the top left, BGR 0-255; anchor-free over strides 8, 16, 32."""
+    """YOLOX (Ge et al. 2021), anchor-free with strides 8, 16 and 32.
+
+    Input: the picture letterboxed into the top left corner, BGR 0-255.
+    """
 
     def __init__(self, name: str, session: onnxruntime.InferenceSession) -> None:
         self.name, self._session = name, session
@@ -35,10 +38,10 @@ class Yolox:
         canvas[: inside[1], : inside[0]] = cv2.resize(rgb[..., ::-1], inside, interpolation=cv2.INTER_LINEAR)
         tensor = canvas.transpose(2, 0, 1)[None].astype(np.float32)
         out = self._session.run(None, {self._input: tensor})[0][0]
-        keep = out[:, 4] >= LOWEST
+        keep = out[:, 4] >= SCORE_FLOOR
         out, cells, strides = out[keep], self._cells[keep], self._strides[keep]
         scores = out[:, 4:5] * out[:, 5:]
-        scores[scores < LOWEST] = 0.0
+        scores[scores < SCORE_FLOOR] = 0.0
         keep = scores.any(axis=1)
         centre = (out[keep, :2] + cells[keep]) * strides[keep]
         half = np.exp(out[keep, 2:4]) * strides[keep] / 2

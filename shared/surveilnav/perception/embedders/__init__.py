@@ -1,2 +1,4 @@
-"""Embedders: pictures, boxes and texts as unit vectors of one space. ``class_space`` serves detectors with a vocabulary,
-``clip`` any word."""
+"""Embedders, which turn pictures, objects and texts into unit vectors of one space.
+
+``class_space`` serves detectors of COCO's classes, ``clip`` any word.
+"""

@@ -7,7 +7,7 @@ from pathlib import Path
 import msgspec
 
 from surveilnav.errors import PerceptionError
-from surveilnav.stored import replacing
+from surveilnav.storage import atomic_write
 
 NAME = "card.json"
 
@@ -64,5 +64,5 @@ def card_of(weights: Path) -> Card | None:
 
 def save_card(weights: Path, card: Card) -> None:
     """Writes the card beside a file of weights, whole or not at all. OSError: as the disk does."""
-    with replacing(weights.with_name(NAME)) as file:
+    with atomic_write(weights.with_name(NAME)) as file:
         file.write(msgspec.json.format(msgspec.json.encode(card), indent=1) + b"\n")

@@ -203,9 +203,11 @@ def expect_readable(path: Path) -> None:
     This is for files whose hash isn't known: opening a network takes time.
     """
     if path.suffix == ".onnx":
-        from surveilnav.perception.detectors.onnx_file import session  # who only lists models needs no ONNX Runtime
+        from surveilnav.perception.detectors.onnx_file import (
+            open_session,  # who only lists models needs no ONNX Runtime
+        )
 
-        session(path, Runtime("cpu"))
+        open_session(path, Runtime("cpu"))
     elif path.suffix in (".pt", ".bin"):
         _expect_torch(path)
 

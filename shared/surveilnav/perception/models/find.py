@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from surveilnav.config import models_dir, path_set_by
+from surveilnav.config import models_dir, path_from_env
 from surveilnav.errors import PerceptionError
 from surveilnav.perception.models import check, hashes
 from surveilnav.perception.models.catalogue import CATALOGUE, Model, model_called
@@ -142,7 +142,7 @@ def _present(model: Model) -> Path | None:
 
 def _places(model: Model) -> Iterator[Path]:
     """The places where a model may be, in the order in which they are searched."""
-    custom = path_set_by(model.setting) if model.setting else None
+    custom = path_from_env(model.setting) if model.setting else None
     if custom is not None:
         yield custom
         return

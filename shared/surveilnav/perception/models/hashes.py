@@ -15,7 +15,7 @@ import msgspec
 from surveilnav.config import cache_dir
 from surveilnav.errors import PerceptionError, SurveilNavError
 from surveilnav.perception.models.catalogue import File, Model
-from surveilnav.stored import locked, replacing
+from surveilnav.storage import atomic_write, file_lock
 
 #: Size in bytes, time of change in nanoseconds and sha256, by path.
 KnownHashes = dict[str, tuple[int, int, str]]
@@ -53,7 +53,7 @@ def remember(path: Path, found: str) -> None:
     _known[str(path.resolve())] = (stat.st_size, stat.st_mtime_ns, found)
     with contextlib.suppress(OSError, SurveilNavError):
         merged = _remembered() | _known
-        with replacing(_file()) as file:
+        with atomic_write(_file()) as file:
             file.write(msgspec.json.encode(merged))
 
 
@@ -104,7 +104,7 @@ def write_lock_entry(model: Model, folder: Path, entry: LockEntry) -> None:
 
     Several models may be pulled at once, and the file is for all of them: it is locked between reading and writing.
     """
-    with locked(folder / f".{LOCK_NAME}.held"), replacing(folder / LOCK_NAME) as file:
+    with file_lock(folder / f".{LOCK_NAME}.held"), atomic_write(folder / LOCK_NAME) as file:
         file.write(msgspec.json.format(msgspec.json.encode(read_lock(folder) | {model.name: entry}), indent=2))
 
 

@@ -11,7 +11,7 @@ from surveilnav.errors import PerceptionError
 from surveilnav.perception.models import check, hashes
 from surveilnav.perception.models.catalogue import File, Model, model_called
 from surveilnav.perception.models.transfer import Download, OnProgress, transfer
-from surveilnav.stored import locked
+from surveilnav.storage import file_lock
 
 
 def pull_folder() -> Path:
@@ -42,7 +42,7 @@ def pull(name: str, *, to: Path | None = None, on_progress: OnProgress | None = 
             f"Pull it on a machine with a network, and point SURVEILNAV_MODELS_DIR at a folder with {model.path} in it."
         )
     try:
-        with locked(folder / f".{name}.lock"):  # another process may want the same
+        with file_lock(folder / f".{name}.lock"):  # another process may want the same
             _fetch(model, folder, on_progress)
     except OSError as error:
         raise PerceptionError(

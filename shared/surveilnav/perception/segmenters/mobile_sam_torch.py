@@ -1,4 +1,4 @@
-"""MobileSAM's checkpoint, run by the package ``mobile_sam``, of the extra ``mobile-sam``."""
+"""Runs MobileSAM's checkpoint with the package ``mobile_sam``, of the extra ``mobile-sam``."""
 
 from __future__ import annotations
 
@@ -10,25 +10,25 @@ from numpy.typing import NDArray
 
 from surveilnav.errors import PerceptionError
 from surveilnav.perception.runtime import Runtime
-from surveilnav.perception.segmenters.mobile_sam import LACKING
-from surveilnav.perception.torch_model import TorchModel, device_named, numbers
+from surveilnav.perception.segmenters import MISSING_PACKAGES
+from surveilnav.perception.torch_model import TorchModel, find_device, to_numpy
 
 
 class TorchNetwork:
-    """See ``mobile_sam.Network``. Raises PerceptionError: the package or the file can't be loaded."""
+    """A ``mobile_sam.Network``. Raises PerceptionError if the package or the file can't be loaded."""
 
     def __init__(self, path: Path, runtime: Runtime) -> None:
         try:
             from mobile_sam import sam_model_registry
             from mobile_sam.utils.onnx import SamOnnxModel
-        except (ImportError, RuntimeError) as error:  # RuntimeError: a torchvision of another torch
-            raise PerceptionError(LACKING.format(path.name, error)) from error
+        except (ImportError, RuntimeError) as error:  # RuntimeError: torchvision was built for another torch
+            raise PerceptionError(MISSING_PACKAGES.format(path.name, error)) from error
         torch.set_num_threads(runtime.threads)
-        device = device_named(runtime.device)
+        device = find_device(runtime.device)
         sam = sam_model_registry["vit_t"]()
         try:
             sam.load_state_dict(torch.load(path, map_location="cpu", weights_only=True))
-        except Exception as error:  # a pickle can fail in any way
+        except Exception as error:  # unpickling may raise anything
             raise PerceptionError(f"{path} isn't MobileSAM's checkpoint: {str(error)[:200]}") from error
         sam = sam.to(device).eval()
         self._encoder = TorchModel(sam.image_encoder, device)
@@ -37,8 +37,8 @@ class TorchNetwork:
 
     def encode(self, picture: NDArray[np.float32]) -> NDArray[np.float32]:
         with self._encoder.running():
-            return numbers(self._encoder.net(self._encoder.tensor(picture)))
+            return to_numpy(self._encoder.net(self._encoder.tensor(picture)))
 
     def decode(self, inputs: dict[str, NDArray[np.float32]]) -> NDArray[np.float32]:
         with self._decoder.running():
-            return numbers(self._decoder.net(**{k: self._decoder.tensor(v) for k, v in inputs.items()})[0])
+            return to_numpy(self._decoder.net(**{k: self._decoder.tensor(v) for k, v in inputs.items()})[0])

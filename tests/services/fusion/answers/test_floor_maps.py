@@ -11,7 +11,7 @@ import pytest
 from surveilnav.bus import Received, Refused, Request
 from surveilnav.errors import WireError
 from surveilnav.geometry import Pose
-from surveilnav.messages import FrameHeader, Part, Revision
+from surveilnav.messages import FrameHeader, PayloadPart, Revision
 from surveilnav.sensing.layers import GRID_LAYERS
 from surveilnav.sensing.views import DetectedObject
 from surveilnav.services.fusion.answers.floor_maps import FloorMapsAnswers
@@ -19,7 +19,7 @@ from surveilnav.services.fusion.answers.reader import MapReader
 from surveilnav.services.fusion.building_maps import BuildingMaps
 from surveilnav.services.fusion.core import FusionConfig
 from surveilnav.services.fusion.core.snapshot import pack, unpack
-from surveilnav.services.fusion.intake.robot_places import RobotPlaces
+from surveilnav.services.fusion.intake.robot_positions import RobotPositions
 from surveilnav.services.fusion.intake.texts import TextEmbedding
 from surveilnav.services.fusion.perceived import PerceivedView
 from surveilnav.services.planner.floor_maps import FloorMapsClient
@@ -35,9 +35,9 @@ class Fusion:
         )
         self.maps = BuildingMaps(FusionConfig())
         texts = SimpleNamespace(encode=lambda prompt: TextEmbedding(tools.unit(1), ""))
-        places = RobotPlaces()
+        positions = RobotPositions()
         revisions = SimpleNamespace(pending_views=lambda floor: 0)
-        self.answers = FloorMapsAnswers(MapReader(self.maps, texts, places), revisions)
+        self.answers = FloorMapsAnswers(MapReader(self.maps, texts, positions), revisions)
         self.truth: dict[int, tuple] = {}  # revision -> layers and objects, as they were then
         self.seq, self.sent = 0, []
 
@@ -62,8 +62,8 @@ class Fusion:
             depth_range_m=view.depth_range_m,
             T_world_camera=Pose.from_matrix(view.T_world_camera),
             mounting_offset_m=view.mounting_offset_m,
-            image=Part("jpeg", 0),
-            depth=Part("depth-invq-zstd", 0),
+            image=PayloadPart("jpeg", 0),
+            depth=PayloadPart("depth-invq-zstd", 0),
         )
         self.maps.integrate(PerceivedView((view.source, 0), header, view, seen))
         joint = self.maps.joint

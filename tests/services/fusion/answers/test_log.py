@@ -11,7 +11,7 @@ from surveilnav.bus import Refused, Request
 from surveilnav.geometry import Pose
 from surveilnav.messages import FrameHeader, InferReply
 from surveilnav.sensing.packing import decode_frame, encode_rgbd, perception_from_wire, perception_to_wire
-from surveilnav.sensing.views import Detected
+from surveilnav.sensing.views import DetectedObject
 from surveilnav.services.fusion.answers.log import LogAnswers
 from surveilnav.services.fusion.building_maps import BuildingMaps
 from surveilnav.services.fusion.config import FusionSettings
@@ -50,7 +50,7 @@ def view(tools, world, seq: int, x: float | None = None) -> PerceivedView:
         image=image,
         depth=depth,
     )
-    chair = Detected("couch", 0.6, (20.0, 40.0, 120.0, 110.0), None, tools.unit(seq % 3))
+    chair = DetectedObject("couch", 0.6, (20.0, 40.0, 120.0, 110.0), None, tools.unit(seq % 3))
     detections, embedding = perception_to_wire(tools.seen(chair, image=tools.unit(seq % 4)))
     reply = InferReply(
         stamp_ns=1,

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from surveilnav.sensing.views import Detected
+from surveilnav.sensing.views import DetectedObject
 from surveilnav.services.fusion.core import JointMap, in_order
 
 
@@ -49,12 +49,12 @@ def broken(view, tools):
         "depth of another size": (replace(view, depth_m=view.depth_m[:-1]), None),
         "colour of another type": (replace(view, rgb=view.rgb.astype(float)), None),
         "a pose from nowhere": (replace(view, T_world_camera=T), None),
-        "a box of NaN": (view, tools.seen(Detected("c", 0.5, (np.nan, 0, 5, 5), None, tools.unit(0)))),
-        "an embedding of NaN": (view, tools.seen(Detected("c", 0.5, (0, 0, 5, 5), None, bad))),
+        "a box of NaN": (view, tools.seen(DetectedObject("c", 0.5, (np.nan, 0, 5, 5), None, tools.unit(0)))),
+        "an embedding of NaN": (view, tools.seen(DetectedObject("c", 0.5, (0, 0, 5, 5), None, bad))),
         "a picture's embedding of NaN": (view, tools.seen(image=bad)),
         "a mask of another size": (
             view,
-            tools.seen(Detected("c", 0.5, (0, 0, 5, 5), np.ones((3, 3), np.bool_), tools.unit(0))),
+            tools.seen(DetectedObject("c", 0.5, (0, 0, 5, 5), np.ones((3, 3), np.bool_), tools.unit(0))),
         ),
     }
 

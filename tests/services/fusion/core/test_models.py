@@ -62,7 +62,7 @@ def test_an_object_seen_by_two_models_is_one_by_its_place_and_has_the_newest_emb
 def test_without_looks_to_compare_geometry_has_all_the_weight(comparable, tools):
     points = np.random.default_rng(0).uniform(0, 0.5, (400, 3))
     c = AssociationConfig()
-    shape = Shape.of_points(points, 0.05, c.overlap_voxel_m)
+    shape = Shape.from_points(points, 0.05, c.overlap_voxel_m)
     found = similarity(shape, tools.unit(0), shape, tools.unit(1), c, comparable=comparable)
     assert found.s == pytest.approx(c.w_geometric if comparable else c.w_geometric + c.w_visual)
 

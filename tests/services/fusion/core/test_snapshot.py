@@ -36,7 +36,7 @@ def story(tools):
     return out
 
 
-def told(joint: JointMap, text) -> dict:
+def contents_of(joint: JointMap, text) -> dict:
     """Everything that others may ask, as bytes."""
     out = {}
     for floor in joint.floors:
@@ -62,7 +62,7 @@ def test_maps_read_again_go_on_as_if_nothing_had_happened(story, tools, preset):
             restarted = load(dump(restarted), config)
         if i == 6:
             steady.layer("0", "value", tools.unit(0))  # kept up to date from here on
-    assert told(restarted, tools.unit(0)) == told(steady, tools.unit(0))
+    assert contents_of(restarted, tools.unit(0)) == contents_of(steady, tools.unit(0))
     assert dump(restarted) == dump(load(dump(restarted), config))
     assert steady.objects("0")
     assert len(steady.floors) == 2

@@ -8,11 +8,11 @@ from types import SimpleNamespace
 import pytest
 
 from surveilnav.geometry import Pinhole, Pose
-from surveilnav.messages import FrameHeader, Part
+from surveilnav.messages import FrameHeader, PayloadPart
 from surveilnav.services.fusion.core import FusionConfig, JointMap
 from surveilnav.services.fusion.intake import ranking as module
 from surveilnav.services.fusion.intake.ranking import ViewRanking
-from surveilnav.services.fusion.intake.robot_places import RobotPlaces
+from surveilnav.services.fusion.intake.robot_positions import RobotPositions
 from tests.services.fusion.core.views.test_order import pose
 
 LENS = Pinhole.from_hfov(64, 64, 1.5)
@@ -21,7 +21,7 @@ LENS = Pinhole.from_hfov(64, 64, 1.5)
 def header(source: str, view: int, x_m: float, mounting_offset_m: float = 1.8) -> FrameHeader:
     T = pose(0.0, 90.0)
     T[0, 3] = x_m
-    part = Part("jpeg", 0)
+    part = PayloadPart("jpeg", 0)
     return FrameHeader(
         stamp_ns=1,
         source=source,
@@ -38,16 +38,16 @@ def header(source: str, view: int, x_m: float, mounting_offset_m: float = 1.8) -
 
 
 @pytest.fixture
-def places():
-    places = RobotPlaces()
-    places.record(header("robot/r1", 0, 5.1))
-    return places
+def positions():
+    positions = RobotPositions()
+    positions.record(header("robot/r1", 0, 5.1))
+    return positions
 
 
 @pytest.fixture
-def ranking(places):
+def ranking(positions):
     maps = SimpleNamespace(lock=threading.Lock(), joint=JointMap(FusionConfig()))
-    return ViewRanking(maps, places)
+    return ViewRanking(maps, positions)
 
 
 WAITING = {("camera/c", view): header("camera/c", view, float(view)) for view in range(8)}
@@ -66,11 +66,11 @@ def test_of_views_worth_the_same_the_first_comes_first(ranking):
     assert ranking.pop_best(waiting) == ("camera/c", 3)
 
 
-def test_a_ranking_ages_and_forgets_who_is_gone(ranking, places, monkeypatch):
+def test_a_ranking_ages_and_forgets_who_is_gone(ranking, positions, monkeypatch):
     now_s = 100.0
     monkeypatch.setattr(module.time, "monotonic", lambda: now_s)
     assert ranking.pop_best(WAITING) == ("camera/c", 5)
-    places.record(header("robot/r1", 0, 0.0))
+    positions.record(header("robot/r1", 0, 0.0))
     few = {key: WAITING[key] for key in [("camera/c", 7), ("camera/c", 0)]}
     assert ranking.pop_best(few) == ("camera/c", 7), "by the ranking of before"
     now_s += 0.6

@@ -10,7 +10,7 @@ import structlog
 from surveilnav import contract
 from surveilnav.geometry import Pinhole, Pose
 from surveilnav.messages import CameraInfo, CameraViewInfo, FrameHeader
-from surveilnav.messages.view import Part
+from surveilnav.messages.view import PayloadPart
 from surveilnav.services.fusion.building_maps import BuildingMaps
 from surveilnav.services.fusion.config import FusionSettings
 from surveilnav.services.fusion.core import FusionConfig
@@ -56,7 +56,7 @@ class FakeNode:
     def table(self, stream):
         return self.infos if stream is contract.CAMERA_INFO else self.statuses
 
-    def slot(self, stream, **ids):
+    def latest(self, stream, **ids):
         slot = self.slots[tuple(ids.values())] = FakeSlot()
         self.slots_opened.append(slot)
         return slot
@@ -97,8 +97,8 @@ def header(source="robot/r", **more) -> FrameHeader:
         camera=CAMERA,
         mounting_offset_m=0.9,
         depth_range_m=(0.1, 10.0),
-        image=Part("jpeg", 1),
-        depth=Part("depth-invq-zstd", 1),
+        image=PayloadPart("jpeg", 1),
+        depth=PayloadPart("depth-invq-zstd", 1),
         **fields,
     )
 

@@ -13,7 +13,7 @@ import structlog
 from surveilnav.geometry import Pose
 from surveilnav.messages import FrameHeader, InferReply
 from surveilnav.sensing.packing import decode_frame, encode_rgbd, perception_from_wire, perception_to_wire
-from surveilnav.sensing.views import Detected
+from surveilnav.sensing.views import DetectedObject
 from surveilnav.services.fusion.building_maps import BuildingMaps
 from surveilnav.services.fusion.config import FusionSettings
 from surveilnav.services.fusion.core.snapshot import dump
@@ -79,7 +79,7 @@ class Run:
             image=image,
             depth=depth,
         )
-        chair = Detected("couch", 0.6, (20.0, 40.0, 120.0, 110.0), None, self.tools.unit(seq % 3))
+        chair = DetectedObject("couch", 0.6, (20.0, 40.0, 120.0, 110.0), None, self.tools.unit(seq % 3))
         detections, embedding = perception_to_wire(self.tools.seen(chair, image=self.tools.unit(seq % 4)))
         reply = InferReply(
             stamp_ns=1,

@@ -8,9 +8,9 @@ import msgspec
 import pytest
 
 from surveilnav.geometry import Pinhole
-from surveilnav.messages import Detection, InferReply, InferRequest, ModelIds, Part
-from surveilnav.services.perception.core.answer import Known, to_bytes
-from surveilnav.services.perception.core.cache import AnswerCache, ByteCache, content_key, text_key
+from surveilnav.messages import Detection, InferReply, InferRequest, ModelIds, PayloadPart
+from surveilnav.services.perception.core.cache import ByteCache, content_key, text_key
+from surveilnav.services.perception.core.reply import CachedReply
 
 ASKED = InferRequest(
     stamp_ns=1,
@@ -18,8 +18,8 @@ ASKED = InferRequest(
     view=0,
     seq=1,
     camera=Pinhole.from_hfov(64, 48, 1.2),
-    image=Part("jpeg", 3),
-    depth=Part("depth-invq-zstd", 2),
+    image=PayloadPart("jpeg", 3),
+    depth=PayloadPart("depth-invq-zstd", 2),
     depth_range_m=(0.5, 5.0),
     prompts=["tv"],
 )
@@ -49,29 +49,32 @@ def test_a_value_put_again_counts_once_and_a_large_one_is_not_kept() -> None:
     assert cache.get(b"k") == "v"
 
 
-def reply_with_masks(n: int) -> Known:
+def reply_with_masks(n: int) -> CachedReply:
     """Five things whose masks have 2000 runs each; no two of ``n`` are the same."""
     runs = [300 + (n + i) % 5000 for i in range(2000)]
     things = [Detection("chair", 0.9, (0.0, 0.0, 9.0, 9.0), bytes(1024), [*runs]) for _ in range(5)]
     reply = InferReply(
         stamp_ns=1, worker="w", backend="b", source="s", view=0, seq=n, detections=things, image_embedding=bytes(1024)
     )
-    return Known(reply, bytes(2048))
+    return CachedReply(reply, bytes(2048))
 
 
 def test_what_answers_take_in_memory_is_what_may_be_kept_of_them() -> None:
-    most = 1 << 20
-    cache = AnswerCache(most)
+    max_bytes = 1 << 20
+    cache: ByteCache[bytes] = ByteCache(max_bytes)
     tracemalloc.start()
     try:
         for n in range(60):
-            cache.put(bytes([n]), to_bytes(reply_with_masks(n)))
+            data = reply_with_masks(n).to_bytes()
+            cache.put(bytes([n]), data, len(data))
         gc.collect()
         taken = tracemalloc.get_traced_memory()[0]
     finally:
         tracemalloc.stop()
-    assert most / 2 < taken < 1.05 * most
-    assert cache.get(bytes([59])) == reply_with_masks(59)
+    assert max_bytes / 2 < taken < 1.05 * max_bytes
+    last = cache.get(bytes([59]))
+    assert last is not None
+    assert CachedReply.from_bytes(last) == reply_with_masks(59)
     assert cache.get(bytes([0])) is None
 
 
@@ -82,7 +85,7 @@ def test_what_answers_take_in_memory_is_what_may_be_kept_of_them() -> None:
         {"detects": False},
         {"depth_range_m": (0.5, 6.0)},
         {"camera": Pinhole.from_hfov(64, 48, math.radians(80))},
-        {"image": Part("jpeg", 2), "depth": Part("depth-invq-zstd", 3)},
+        {"image": PayloadPart("jpeg", 2), "depth": PayloadPart("depth-invq-zstd", 3)},
     ],
 )
 def test_all_that_an_answer_depends_on_is_in_its_key(changes: dict[str, object]) -> None:

@@ -9,14 +9,19 @@ import numpy as np
 import pytest
 
 from surveilnav.errors import ConfigError
-from surveilnav.robot_body import DEPTH_RANGE_M
-from surveilnav.services.robot_node import core
-from surveilnav.services.robot_node.bodies.kept import _FORMAT
-from surveilnav.services.robot_node.bodies.simulated import SimulatedBody, SimulatedJudge, simulated_body, start_state
+from surveilnav.robot_body import CAMERA, CAMERA_HEIGHT_M, DEPTH_RANGE_M
+from surveilnav.robot_state import RobotState
+from surveilnav.services.robot_node.bodies.simulated import (
+    SimulatedBody,
+    SimulatedJudge,
+    open_simulated_body,
+    start_state,
+)
+from surveilnav.services.robot_node.bodies.state_file import _FORMAT
 from surveilnav.services.robot_node.config import RobotSettings
 from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings
 from surveilnav.simulator.world.goals import find_goals
-from surveilnav.stored import write_parts
+from surveilnav.storage import write_parts
 
 
 class Navigation:
@@ -52,25 +57,25 @@ class Building:
         )
 
 
-def test_it_moves_by_the_core_and_sees_where_it_stands():
-    body = SimulatedBody(Building(), core.RobotState(1.0, 1.0, 0.2, "0", 0.0))
+def test_it_moves_by_the_rules_and_sees_where_it_stands():
+    body = SimulatedBody(Building(), RobotState(1.0, 1.0, 0.2, "0", 0.0))
     assert body.notes == ["robots reach 16 of 20 m²"]
     assert body.refusal("move_forward") == ""
     assert "no stair leads" in body.refusal("take_stairs", "1")
     body.act("move_forward")
     assert (body.state.x_m, body.state.path_m, body.state.last_action) == (1.25, 0.25, "move_forward")
-    look = body.observe()
-    assert look.state is body.state
-    assert (look.rgb == 1).all(), "the noise of the picture belongs to the sequence number"
-    assert (look.T_world_camera == core.camera_pose_of(body.state)).all()
-    assert (look.camera, look.mounting_offset_m, look.depth_range_m) == (
-        core.CAMERA,
-        core.CAMERA_HEIGHT_M,
+    observation = body.observe()
+    assert observation.state is body.state
+    assert (observation.rgb == 1).all(), "the noise of the picture belongs to the sequence number"
+    assert (observation.T_world_camera == body.state.camera_pose()).all()
+    assert (observation.camera, observation.mounting_offset_m, observation.depth_range_m) == (
+        CAMERA,
+        CAMERA_HEIGHT_M,
         DEPTH_RANGE_M,
     )
-    assert (look.truth.ids == 5).all()
-    assert look.truth.labels == {5: "bed"}
-    assert (look.truth.T_world_camera == look.T_world_camera).all()
+    assert (observation.truth.ids == 5).all()
+    assert observation.truth.labels == {5: "bed"}
+    assert (observation.truth.T_world_camera == observation.T_world_camera).all()
     body.begin_mission("m1")
     assert (body.state.seq, body.state.path_m, body.state.last_action) == (1, 0.0, None)
     assert body.state.mission == "m1"
@@ -104,73 +109,73 @@ def settings(tmp_path):
 
 
 def test_a_robot_that_died_stands_where_it_stood(settings):
-    body = simulated_body(Building(), settings())
+    body = open_simulated_body(Building(), settings())
     body.act("turn_left")
     body.begin_mission("m1")
     body.act("move_forward")
     body.act("look_up")
-    again = simulated_body(Building(), settings())
+    again = open_simulated_body(Building(), settings())
     assert again.state == body.state
     assert (again.state.seq, again.state.mission, again.state.path_m) == (3, "m1", 0.25)
-    assert again.state != simulated_body(Building(), RobotSettings(start="1, 1, 0, 0")).state
+    assert again.state != open_simulated_body(Building(), RobotSettings(start="1, 1, 0, 0")).state
 
 
 def test_what_was_told_was_kept_before(settings, monkeypatch):
-    body, seen = simulated_body(Building(), settings()), []
-    keep = body._keep
-    monkeypatch.setattr(body, "_keep", lambda state: (keep(state), seen.append(body.state)))
+    body, seen = open_simulated_body(Building(), settings()), []
+    save = body._file.save
+    monkeypatch.setattr(body._file, "save", lambda state: (save(state), seen.append(body.state)))
     body.act("move_forward")
     assert seen[0].seq == 0, "nobody could have asked for a state that a kill would undo"
     assert body.state.seq == 1
 
 
 def _other_start(path, settings):
-    return simulated_body(Building(), settings("3, 3, 0, 0"))
+    return open_simulated_body(Building(), settings("3, 3, 0, 0"))
 
 
 def _other_building(path, settings):
     other = Building()
     other.scene = SimpleNamespace(name="home", truth_labels={}, content_hash="def")
-    return simulated_body(other, settings())
+    return open_simulated_body(other, settings())
 
 
 def _damaged(path, settings):
     path.write_bytes(path.read_bytes()[:-3] + b"abc")
-    return simulated_body(Building(), settings())
+    return open_simulated_body(Building(), settings())
 
 
 def _other_format(path, settings):
     write_parts(path, _FORMAT, [b"\x81\xa3odd\x01"])
-    return simulated_body(Building(), settings())
+    return open_simulated_body(Building(), settings())
 
 
 def _now_a_wall(path, settings):
     other = Building()
     other.navigation = Navigation()
     other.navigation.is_navigable = lambda p_world, floor: p_world[0] <= 1.0
-    return simulated_body(other, settings())
+    return open_simulated_body(other, settings())
 
 
 @pytest.mark.parametrize("make", [_other_start, _other_building, _damaged, _other_format, _now_a_wall])
 def test_a_place_that_belongs_elsewhere_is_not_taken_up(tmp_path, settings, make):
-    body = simulated_body(Building(), settings())
+    body = open_simulated_body(Building(), settings())
     body.act("move_forward")
     path = tmp_path / "state" / "robot.state"
-    assert simulated_body(Building(), settings()).state.seq == 1
+    assert open_simulated_body(Building(), settings()).state.seq == 1
     assert make(path, settings).state.seq == 0
 
 
 def test_a_disk_that_takes_nothing_stops_no_robot(tmp_path, settings):
     (tmp_path / "state").write_text("no folder")
-    body = simulated_body(Building(), settings())
+    body = open_simulated_body(Building(), settings())
     body.act("move_forward")
     assert body.state.seq == 1
 
 
 def test_numbers_of_numpy_can_be_kept(settings):
-    body = simulated_body(Building(), settings())
-    body._enter(core.RobotState(np.float64(1.5), 1.0, np.float64(0.2), "0", np.float64(0.1), collided=np.True_))
-    assert simulated_body(Building(), settings()).state.x_m == 1.5
+    body = open_simulated_body(Building(), settings())
+    body._enter(RobotState(np.float64(1.5), 1.0, np.float64(0.2), "0", np.float64(0.1), collided=np.True_))
+    assert open_simulated_body(Building(), settings()).state.x_m == 1.5
 
 
 def test_a_stop_is_judged_by_the_benchmarks_rules(home_cache, monkeypatch):
@@ -178,14 +183,14 @@ def test_a_stop_is_judged_by_the_benchmarks_rules(home_cache, monkeypatch):
     building = SimulatedBuilding(SimulationSettings(building="parametric_flat"))
     judged, goals = SimulatedJudge(building), find_goals(building.scene, building.navigation, "tv")
     x_m, y_m = map(float, goals.viewpoints["0"][0])
-    there = core.RobotState(x_m, y_m, 0.0, "0", 0.0, stopped=True)
+    there = RobotState(x_m, y_m, 0.0, "0", 0.0, stopped=True)
     success, distance_m = judged("tv", there)
     assert (success, distance_m) == (True, pytest.approx(0.0, abs=0.05))
     far = max(
         np.argwhere(building.navigation.robot_area["0"]), key=lambda cell: goals.field.distance_m["0"][tuple(cell)]
     )
     x_m, y_m = building.navigation.floors["0"].grid.centres_of(far)
-    success, distance_m = judged("tv", core.RobotState(float(x_m), float(y_m), 0.0, "0", 0.0, stopped=True))
+    success, distance_m = judged("tv", RobotState(float(x_m), float(y_m), 0.0, "0", 0.0, stopped=True))
     assert success is False
     assert distance_m > 2.0
     assert judged("something that nobody labelled", there) is None

@@ -13,11 +13,11 @@ from onnx import TensorProto, helper
 from surveilnav.errors import PerceptionError
 from surveilnav.geometry import Pinhole
 from surveilnav.perception.chances import ChanceTable
-from surveilnav.perception.detectors.compact import CompactNetwork, letterboxed, places
-from surveilnav.perception.detectors.onnx_file import session
-from surveilnav.perception.one_network import OneNetwork
+from surveilnav.perception.detectors.compact import CompactNetwork, letterboxed, place_centres
+from surveilnav.perception.detectors.onnx_file import open_session
 from surveilnav.perception.protocols import RgbdView
 from surveilnav.perception.runtime import Runtime
+from surveilnav.perception.single_network import SingleNetworkBackend
 from surveilnav.sensing.views import box_cells
 from tests.compact_file import write
 
@@ -37,7 +37,7 @@ def test_the_longer_side_fits_and_both_are_multiples_of_32(size: tuple[int, int]
 
 
 def test_places_are_the_middles_of_their_cells() -> None:
-    points = places(64, 96)
+    points = place_centres(64, 96)
     assert len(points) == 8 * 12 + 4 * 6 + 2 * 3
     assert points[[0, 1, 12, 96, -1]].tolist() == [[4, 4], [12, 4], [4, 12], [8, 8], [80, 48]]
 
@@ -58,11 +58,11 @@ def network(tmp_path: Path) -> CompactNetwork:
 
 
 def opened(path: Path) -> CompactNetwork:
-    return CompactNetwork(session(path, Runtime()), side_px=320)
+    return CompactNetwork(open_session(path, Runtime()), side_px=320)
 
 
 def test_as_a_backend_it_says_what_is_where_with_a_mask_and_a_vector(network: CompactNetwork) -> None:
-    backend = OneNetwork("compact", "in a test", network, "compact@0")
+    backend = SingleNetworkBackend("compact", "in a test", network, "compact@0")
     seen = backend.perceive(red_square(), np.ones((240, 320), np.float32), CAMERA)
     assert {d.label for d in seen.detections} == {"tv"}
     for d in seen.detections:
@@ -78,7 +78,7 @@ def test_as_a_backend_it_says_what_is_where_with_a_mask_and_a_vector(network: Co
 
 def test_with_a_table_its_detections_have_chances(network: CompactNetwork) -> None:
     table = ChanceTable("a test", 0.0, 1.0, 0.0, 0.0, 0.0, -1.0, {})
-    backend = OneNetwork("compact", "in a test", network, "compact@0", table)
+    backend = SingleNetworkBackend("compact", "in a test", network, "compact@0", table)
     depth = np.ones((240, 320), np.float32)
     robot, camera = (
         backend.perceive(red_square(), depth, CAMERA, key=(source, 0, 1)).detections
@@ -89,16 +89,16 @@ def test_with_a_table_its_detections_have_chances(network: CompactNetwork) -> No
 
 
 def test_its_words_are_understood_and_rooms_have_near_classes(network: CompactNetwork) -> None:
-    backend = OneNetwork("compact", "in a test", network, "compact@0")
-    assert [backend.understood(word) for word in ("Kommode", "Bett", "télé", "Couchtisch")] == [
+    backend = SingleNetworkBackend("compact", "in a test", network, "compact@0")
+    assert [backend.find_name(word) for word in ("Kommode", "Bett", "télé", "Couchtisch")] == [
         "chest of drawers",
         "bed",
         "tv",
         "",
     ]
     assert (backend.embed_texts(["Bett"]) == backend.embed_texts(["bed"])).all()
-    assert "nearest are oven" in backend.refuses("kitchen")
-    assert "nearest are table" in backend.refuses("Couchtisch")
+    assert "nearest are oven" in backend.refusal("kitchen")
+    assert "nearest are table" in backend.refusal("Couchtisch")
 
 
 @pytest.mark.parametrize(
@@ -152,7 +152,7 @@ def test_depth_lies_where_its_picture_lies(network: CompactNetwork, monkeypatch:
     monkeypatch.setattr(network, "_session", SimpleNamespace(run=lambda out, x: given.append(x) or run(out, x)))
     depth = np.full((500, 640), 4.0, np.float32)
     depth[:, 320:] = 1.0
-    network.answer(RgbdView(np.zeros((500, 640, 3), np.uint8), depth, Pinhole.from_hfov(640, 500, 1.3)))
+    network.run(RgbdView(np.zeros((500, 640, 3), np.uint8), depth, Pinhole.from_hfov(640, 500, 1.3)))
     channels = given[0]["depth"][0]
     assert channels.shape == (128, 160, 7)
     assert (channels[125:] == 0).all()
@@ -164,7 +164,7 @@ def test_depth_lies_where_its_picture_lies(network: CompactNetwork, monkeypatch:
 def test_of_a_large_picture_more_pixels_are_seen(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, size: tuple[int, int], seen: tuple[int, int]
 ) -> None:
-    network, fed = CompactNetwork(session(write(tmp_path / "compact.onnx"), Runtime())), []
+    network, fed = CompactNetwork(open_session(write(tmp_path / "compact.onnx"), Runtime())), []
     session_ = network._session
 
     def run(outputs: object, inputs: dict[str, np.ndarray]) -> object:
@@ -176,5 +176,5 @@ def test_of_a_large_picture_more_pixels_are_seen(
     view = RgbdView(
         np.zeros((height, width, 3), np.uint8), np.ones(size, np.float32), Pinhole.from_hfov(width, height, 1.3)
     )
-    network.answer(view)
+    network.run(view)
     assert fed == [seen]

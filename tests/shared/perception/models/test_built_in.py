@@ -10,7 +10,7 @@ import pytest
 from surveilnav.geometry import Pinhole
 from surveilnav.perception import models
 from surveilnav.perception.models.catalogue import BUILT_IN
-from surveilnav.perception.presets import PRESETS, Networks
+from surveilnav.perception.presets import PRESETS, NetworkSettings
 from surveilnav.simulator.furniture.labels import TARGETS
 
 ROOT = Path(__file__).parents[4]
@@ -38,12 +38,12 @@ def test_the_docs_know_that_they_are_there():
 
 @there
 def test_they_know_the_goals_and_the_parts_of_a_building_and_answer():
-    backend = PRESETS["compact"](Networks(), "in a test")
+    backend = PRESETS["compact"](NetworkSettings(), "in a test")
     assert backend.vocabulary is not None
     assert len(backend.vocabulary) >= 40
     assert {*TARGETS, "door", "window", "stairs"} <= set(backend.vocabulary)
-    assert backend.understood("Fernseher") == "tv"
-    assert backend.understood("escalier") == "stairs"
+    assert backend.find_name("Fernseher") == "tv"
+    assert backend.find_name("escalier") == "stairs"
     seen = backend.perceive(
         np.zeros((240, 320, 3), np.uint8), np.ones((240, 320), np.float32), Pinhole.from_hfov(320, 240, 1.3)
     )

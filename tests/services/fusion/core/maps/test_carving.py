@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from surveilnav.geometry import Pinhole, camera_pose
 from surveilnav.services.fusion.core.config import MapConfig
-from surveilnav.services.fusion.core.maps.carving import Clearance, FreeSpace
+from surveilnav.services.fusion.core.maps.carving import FreeDepthHistory, FreeDepthImage
 from surveilnav.services.fusion.core.maps.cloud import VoxelCloud, voxel_centres
 from surveilnav.services.fusion.core.maps.floor_map import FloorMap
 from surveilnav.simulator.render.depth_noise import DepthNoise
@@ -21,7 +21,7 @@ CONFIG = MapConfig()
 PERSON = ((3.0, 1.8, 0.0), (3.3, 2.2, 1.7))
 
 
-def of(views, config=CONFIG):
+def floor_of(views, config=CONFIG):
     floor = FloorMap("0", 0.0, (3.0, 2.0), config)
     for view in views:
         floor.integrate(view)
@@ -72,7 +72,7 @@ def story(world, n=12):
 
 def test_a_person_who_left_is_gone_after_two_views_and_one_who_is_back_is_back(world):
     views = story(world)
-    floor = of(views[:6])
+    floor = floor_of(views[:6])
     stood = inside(floor)
     assert stood > 300
     assert at(floor, floor.occupied(), 3.02, 2.0) == 1
@@ -92,21 +92,21 @@ def test_a_person_who_left_is_gone_after_two_views_and_one_who_is_back_is_back(w
 def test_what_comes_in_the_place_of_what_is_gone_blocks(world):
     views = story(world)[:9]
     world.boxes = {"stool": ((3.0, 1.95, 0.0), (3.05, 2.05, 0.5))}
-    floor = of([*views, world.view(1.5, 2.0, 0.0, -0.3, seq=9)])
+    floor = floor_of([*views, world.view(1.5, 2.0, 0.0, -0.3, seq=9)])
     assert at(floor, floor.occupied(), 3.02, 2.0) == 1
     assert at(floor, floor.occupied(), 3.27, 1.83) == 0
 
 
 def test_nothing_is_gone_where_carving_is_off(world):
     views = story(world)
-    kept = of(views[:9], CONFIG.model_copy(update={"carve_views": 0}))
+    kept = floor_of(views[:9], CONFIG.model_copy(update={"carve_views": 0}))
     assert inside(kept) > 300
 
 
 def test_a_view_of_the_same_time_or_before_says_nothing(world):
     views = story(world)
     for stamps in ([5] * 3, [1, 2, 3]):
-        floor = of([replace(v, stamp_ns=5) for v in views[:6]])
+        floor = floor_of([replace(v, stamp_ns=5) for v in views[:6]])
         stood = inside(floor)
         for view, stamp_ns in zip(views[6:9], stamps, strict=True):
             floor.integrate(replace(view, stamp_ns=stamp_ns))
@@ -116,7 +116,7 @@ def test_a_view_of_the_same_time_or_before_says_nothing(world):
 def test_no_depth_is_no_statement(world):
     views = story(world)
     for bad in (0.0, np.nan, 20.0):
-        floor = of(views[:6])
+        floor = floor_of(views[:6])
         stood = inside(floor)
         for view in views[6:9]:
             floor.integrate(replace(view, depth_m=np.full_like(view.depth_m, bad)))
@@ -131,23 +131,23 @@ def test_any_order_of_views_shows_the_same(tools, seed):
     if seed % 2:
         views = [replace(v, stamp_ns=int(rng.integers(0, 6))) for v in views]  # with ties
     shuffled = [views[i] for i in rng.permutation(len(views))]
-    assert contents(of(views)) == contents(of(shuffled))
+    assert contents(floor_of(views)) == contents(floor_of(shuffled))
 
 
 def test_the_window_is_what_is_kept(world):
     """A view that comes after more newer ones than are kept may bring back what they saw to be gone."""
     views = story(world)[:9]
     late = [*views[:5], *views[6:], views[5]]
-    assert contents(of(views)) == contents(of(late))
+    assert contents(floor_of(views)) == contents(floor_of(late))
     narrow = CONFIG.model_copy(update={"carve_memory": 1})
-    assert inside(of(late, narrow)) > inside(of(views, narrow))
+    assert inside(floor_of(late, narrow)) > inside(floor_of(views, narrow))
 
 
 def test_taken_up_again_it_goes_on_as_if_nothing_had_been(world):
     views = story(world)
-    whole = of(views)
+    whole = floor_of(views)
     for stop in (4, 7):
-        floor = of(views[:stop])
+        floor = floor_of(views[:stop])
         floor = FloorMap.from_state(floor.state(), CONFIG)
         for view in views[stop:]:
             floor.integrate(view)
@@ -162,17 +162,17 @@ def test_gone_voxels_make_room(world):
     cloud.add(p, np.zeros((6000, 3), np.uint8), np.zeros(3), "robot/r", 0)
     assert cloud.size == 4000
     for stamp in (1, 2):
-        cloud.carve(Clearance.from_view(world.view(1.3, 2.0, 0.0, seq=stamp), config))
-    n_gone = cloud.n_gone
-    assert 4000 // 16 < n_gone < 4000 == cloud.size + n_gone
+        cloud.carve(FreeDepthImage.from_view(world.view(1.3, 2.0, 0.0, seq=stamp), config))
+    n_carved = cloud.n_carved
+    assert 4000 // 16 < n_carved < 4000 == cloud.size + n_carved
     there = {tuple(p) for p in cloud.array().tolist()}
-    p = rng.uniform((7.0, 0.0, 0.0), (8.0, 1.0, 1.0), (n_gone, 3)).astype(np.float32)
+    p = rng.uniform((7.0, 0.0, 0.0), (8.0, 1.0, 1.0), (n_carved, 3)).astype(np.float32)
     refused = cloud.refused
-    cloud.add(p, np.zeros((n_gone, 3), np.uint8), np.zeros(3), "robot/r", 3)
-    assert (cloud.n_gone, cloud.refused) == (0, refused)
-    assert cloud.size > 4000 - n_gone // 10
+    cloud.add(p, np.zeros((n_carved, 3), np.uint8), np.zeros(3), "robot/r", 3)
+    assert (cloud.n_carved, cloud.refused) == (0, refused)
+    assert cloud.size > 4000 - n_carved // 10
     assert there < {tuple(p) for p in cloud.array().tolist()}
-    cloud.add(p, np.zeros((n_gone, 3), np.uint8), np.zeros(3), "robot/r", 4)  # they are found where they stand now
+    cloud.add(p, np.zeros((n_carved, 3), np.uint8), np.zeros(3), "robot/r", 4)  # they are found where they stand now
     assert cloud.refused == refused
 
 
@@ -235,10 +235,10 @@ def test_the_walk_finds_what_a_literal_test_of_each_voxel_finds(tools, x, y, yaw
     depth_m = np.where(rng.random(view.depth_m.shape) < holes, 0, view.depth_m).astype(np.float32)
     view = replace(view, depth_m=depth_m)
     keys = cloud.state()["voxels"]["key"]
-    gone = cloud.carve(Clearance.from_view(view, config))
+    gone = cloud.carve(FreeDepthImage.from_view(view, config))
     found = np.zeros(len(keys), np.bool_)
     found[gone] = True
-    assert len(gone) == found.sum() == cloud.n_gone
+    assert len(gone) == found.sum() == cloud.n_carved
     expected = literal(view, voxel_centres(keys, 0.025), config)
     assert (found != expected).sum() <= 1  # a limit kept as float32 may fall on the other side
 
@@ -274,9 +274,9 @@ def test_early_and_late_agree_on_every_voxel(tools, range_m, azimuth, yaw, pitch
         T_world_camera=camera_pose((x, y, z), azimuth + yaw, pitch),
         depth_m=np.ascontiguousarray(depth_m[: camera.height_px, : camera.width_px]),
     )
-    clearance = Clearance.from_view(view, config)
+    clearance = FreeDepthImage.from_view(view, config)
     by_walk = one.carve(clearance)
-    one_by_one = other.recheck(np.arange(other.size, dtype=np.int32), [clearance])
+    one_by_one = other.carve_listed(np.arange(other.size, dtype=np.int32), [clearance])
     np.testing.assert_array_equal(np.sort(by_walk), np.sort(one_by_one))
 
 
@@ -306,8 +306,8 @@ def test_what_is_there_stays(world, source):
             height=0.88 if source == "robot/r" else 1.8,
         )
         views.append(replace(view, depth_m=noise.apply(view.depth_m, camera, seq)))
-    kept = of(views, CONFIG.model_copy(update={"carve_views": 0})).cloud.array()[:, :3]
-    carved = of(views).cloud.array()[:, :3]
+    kept = floor_of(views, CONFIG.model_copy(update={"carve_views": 0})).cloud.array()[:, :3]
+    carved = floor_of(views).cloud.array()[:, :3]
     boxes = [np.array(box) for box in world.boxes.values()]
     low, high = np.array(world.room)
 
@@ -330,10 +330,10 @@ def test_what_is_there_stays(world, source):
 
 
 def test_the_ring_keeps_the_newest(world):
-    ring = FreeSpace(3)
+    ring = FreeDepthHistory(3)
     for stamp in (5, 1, 9, 7, 2, 8):
-        ring.add(Clearance.from_view(world.view(1, 1, 0, seq=stamp), CONFIG))
+        ring.add(FreeDepthImage.from_view(world.view(1, 1, 0, seq=stamp), CONFIG))
     assert [c.stamp_ns for c in ring.newer_than(-1)] == [7, 8, 9]
     assert [c.stamp_ns for c in ring.newer_than(8)] == [9]
-    again = FreeSpace.from_state(ring.state(), 3)
+    again = FreeDepthHistory.from_state(ring.state(), 3)
     assert [c.order for c in again.newer_than(0)] == [c.order for c in ring.newer_than(0)]

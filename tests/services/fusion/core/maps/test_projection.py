@@ -1,4 +1,4 @@
-"""Back-projection and reach."""
+"""Back-projection and azimuth_ranges."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from surveilnav.geometry import camera_pose, inverse, transform_points
 from surveilnav.services.fusion.core.maps.projection import (
     AZIMUTHS,
     azimuth_bins,
-    extent,
-    reach,
+    azimuth_ranges,
+    covered_box,
     sample_stride,
     world_points,
 )
@@ -94,17 +94,17 @@ def test_a_flying_pixel_is_dropped_and_an_edge_is_not(world):
 def test_reach_is_where_rays_run_below_the_ceiling():
     camera = np.array([0.0, 0.0, 2.0])
     points = np.array([[4.0, 0.01, 0.0], [3.0, 0.02, 1.5], [0.01, 2.0, 0.5]], np.float32)
-    found = reach(points, camera, 1.0)
+    found = azimuth_ranges(points, camera, 1.0)
     np.testing.assert_allclose(found[0], [2.0, 4.0], rtol=1e-3)  # comes below 1 m half-way; the high point adds nothing
     np.testing.assert_allclose(found[89], [4 / 3, 2.0], rtol=1e-3)
-    low = reach(np.array([[4.0, 0.01, 2.5]], np.float32), np.array([0.0, 0.0, 0.5]), 1.0)
+    low = azimuth_ranges(np.array([[4.0, 0.01, 2.5]], np.float32), np.array([0.0, 0.0, 0.5]), 1.0)
     np.testing.assert_allclose(low[0], [0.0, 1.0], rtol=1e-3)  # leaves the band a quarter of the way up
 
 
 def test_a_gap_of_one_degree_is_bridged_by_what_both_sides_agree_on():
     at = [math.radians(d) for d in (10.5, 12.5, 20.5)]
     points = np.array([[r * math.cos(a), r * math.sin(a), 0.5] for a, r in zip(at, (3, 2, 3), strict=True)], np.float32)
-    found = reach(points, np.zeros(3), 1.0)
+    found = azimuth_ranges(points, np.zeros(3), 1.0)
     assert found[11, 1] == pytest.approx(2.0)
     assert found[13:20].max() == 0.0
 
@@ -120,7 +120,7 @@ def test_azimuth_bins_cover_what_a_literal_test_of_each_cell_covers():
             k = int(math.degrees(math.atan2(y, x)) % 360)
             inside = ranges[k, 0] <= math.hypot(x, y) <= ranges[k, 1] and ranges[k, 1] > 0
             assert found[row, col] == (k if inside else -1)
-    x0, y0, x1, y1 = extent(ranges)
+    x0, y0, x1, y1 = covered_box(ranges)
     wide = azimuth_bins(ranges, 0.0, 0.0, 0.1, -40, -40, 80, 80) >= 0
     rows, cols = np.nonzero(wide)
     assert x0 <= (cols.min() - 39.5) * 0.1

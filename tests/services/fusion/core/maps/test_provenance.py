@@ -16,7 +16,7 @@ names = st.lists(st.sampled_from(["robot/a", "robot/b", "camera/c", "camera/d"])
 def joined(sets, members):
     number = 0
     for name in members:
-        number = sets.join(number, name)
+        number = sets.with_source(number, name)
     return number
 
 
@@ -26,7 +26,7 @@ def test_a_set_has_one_number_whatever_the_way_to_it(one, other):
     a, b = joined(sets, one), joined(sets, other)
     assert (a == b) == (set(one) == set(other))
     assert sets.lists()[a] == sorted(set(one))
-    again = SourceSets.of_lists(sets.lists())
+    again = SourceSets.from_lists(sets.lists())
     assert joined(again, other) == b
     assert again.lists() == sets.lists()
 
@@ -34,10 +34,10 @@ def test_a_set_has_one_number_whatever_the_way_to_it(one, other):
 def test_beyond_the_limit_sets_are_not_told_apart(monkeypatch):
     monkeypatch.setattr(provenance, "MAX_SETS", 8)
     sets = SourceSets()
-    numbers = [sets.join(0, f"camera/{i}") for i in range(20)]
+    numbers = [sets.with_source(0, f"camera/{i}") for i in range(20)]
     assert len(sets) == 8
     assert sets.lists()[numbers[-1]] == [MANY]
-    assert sets.join(numbers[-1], "robot/r") == numbers[-1]
+    assert sets.with_source(numbers[-1], "robot/r") == numbers[-1]
     assert sets.lists()[numbers[3]] == ["camera/3"]  # what was known stays known
 
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from surveilnav.geometry import Grid, Pinhole, camera_pose
 from surveilnav.sensing.views import PosedView
 from surveilnav.services.fusion.core import FusionConfig, JointMap, ValueConfig
-from surveilnav.services.fusion.core.maps.projection import azimuth_bins, reach, world_points
+from surveilnav.services.fusion.core.maps.projection import azimuth_bins, azimuth_ranges, world_points
 from surveilnav.services.fusion.core.maps.value import ValueMap
 
 
@@ -46,10 +46,12 @@ def footprint(view, grid):
     c = FusionConfig().map
     limit = c.max_range_robot_m if view.is_robot else c.max_range_camera_m
     points, _ = world_points(view, c.points_per_view, limit, c.depth_edge)
-    reach_m = reach(points, view.T_world_camera[:3, 3], c.explored_max_m).astype(np.float16).astype(np.float32)
+    ranges_m = (
+        azimuth_ranges(points, view.T_world_camera[:3, 3], c.explored_max_m).astype(np.float16).astype(np.float32)
+    )
     row0, col0 = round(grid.origin_y_m / grid.resolution_m), round(grid.origin_x_m / grid.resolution_m)
     x, y, _ = view.T_world_camera[:3, 3]
-    return azimuth_bins(reach_m, x, y, grid.resolution_m, row0, col0, grid.rows, grid.cols)
+    return azimuth_bins(ranges_m, x, y, grid.resolution_m, row0, col0, grid.rows, grid.cols)
 
 
 def test_average_is_equation_2(story, tools):
@@ -160,15 +162,15 @@ class Look:
         return PosedView(source, view, seq, self.stamp_s * 10**9, "0", T, EYE, 1.0, rgb, depth_m, (0.1, 5.0))
 
     @cached_property
-    def reach_m(self) -> np.ndarray:
+    def ranges_m(self) -> np.ndarray:
         out = np.zeros((360, 2), np.float32)
         for a in range(self.yaw_deg - 39, self.yaw_deg + 39):
             out[a % 360] = 0.1, self.range_m
         return out
 
     @cached_property
-    def kept_reach_m(self) -> list[list[float]]:
-        return self.reach_m.astype(np.float16).tolist()
+    def kept_ranges_m(self) -> list[list[float]]:
+        return self.ranges_m.astype(np.float16).tolist()
 
     @property
     def embedding(self) -> np.ndarray:
@@ -178,7 +180,7 @@ class Look:
         """The azimuth bin under which it sees a place; -1: it doesn't."""
         dx, dy = x - self.x, y - self.y
         a = int((math.atan2(dy, dx) / (2 * math.pi) + 1.0) * 360) % 360
-        near, far = self.kept_reach_m[a]
+        near, far = self.kept_ranges_m[a]
         return a if far > 0 and near <= math.sqrt(dx * dx + dy * dy) <= far else -1
 
 
@@ -245,7 +247,7 @@ def literal(story: list[Look], fusion: str, half_life_s: float) -> np.ndarray:
 def value_map(story, fusion, half_life_s, *, ask_at=(), **more):
     value = ValueMap(ValueConfig(fusion=fusion, half_life_s=half_life_s, **more))
     for i, look in enumerate(story):
-        value.add(look.view(i), look.embedding, reach_m=look.reach_m)
+        value.add(look.view(i), look.embedding, ranges_m=look.ranges_m)
         if i in ask_at:
             value.layer(GRID, np.array([1.0, 0.0], np.float32))
     return value

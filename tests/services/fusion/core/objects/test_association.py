@@ -17,7 +17,7 @@ points = hnp.arrays(np.float64, st.tuples(st.integers(1, 40), st.just(3)), eleme
 
 
 def shape(p):
-    return Shape.of_points(np.asarray(p, float), 0.025, 0.05)
+    return Shape.from_points(np.asarray(p, float), 0.025, 0.05)
 
 
 def block(x, y, z, sx, sy, sz):

@@ -6,22 +6,22 @@ import pytest
 
 from surveilnav.services.fusion.core import FusionConfig, ObjectConfig
 from surveilnav.services.fusion.core.config import ConfirmationConfig, PaperConfirmationConfig, PosteriorConfig
-from surveilnav.services.fusion.core.objects.confirmation import confirmation_of
+from surveilnav.services.fusion.core.objects.confirmation import confirmation_rule
 from surveilnav.services.fusion.core.objects.evidence import Evidence
 
 DEFAULT, PAPER = ObjectConfig(), FusionConfig.preset("paper").objects
 
 
-def told(story, config, evidence=None):
+def assessments_of(story, config, evidence=None):
     """Assesses after every word of a story: (kind, side, label, score = chance) or ("miss", side)."""
-    rule, evidence, status, assessments = confirmation_of(config), evidence or Evidence(), "candidate", []
+    rule, evidence, status, assessments = confirmation_rule(config), evidence or Evidence(), "candidate", []
     for kind, side, *seen in story:
         if kind == "miss":
-            evidence.miss(("robot", side))
+            evidence.add_miss(("robot", side))
         else:
             label, chance = seen
-            evidence.add(label, chance, chance, (kind, side))
-        rule.settle(evidence)
+            evidence.add_detection(label, chance, chance, (kind, side))
+        rule.update(evidence)
         before = evidence.state()
         assessments.append(rule.assess(evidence, status))
         assert evidence.state() == before  # asking changes nothing
@@ -65,13 +65,13 @@ def misses(sides):
 def test_our_rule_is_one_for_all_words(story, status, word):
     names = {"X": word, "Y": "couch"}
     renamed = [(kind, side, *(names.get(w, w) for w in rest)) for kind, side, *rest in story]
-    last = told(renamed, DEFAULT)[-1]
+    last = assessments_of(renamed, DEFAULT)[-1]
     assert last.status == status, last.reason
     assert last.reason
 
 
 def test_the_class_is_the_likeliest_at_any_time():
-    assessments = told(robot("couch", 0.7, "00") + robot("bed", 0.95, "0123"), DEFAULT)
+    assessments = assessments_of(robot("couch", 0.7, "00") + robot("bed", 0.95, "0123"), DEFAULT)
     assert [a.label for a in assessments] == ["couch", "couch", "bed", "bed", "bed", "bed"]
     assert assessments[-1].status == "confirmed", "nothing is settled for good"
 
@@ -80,7 +80,7 @@ def test_no_flicker_at_the_threshold():
     story, posterior = robot("tv", 0.89) + misses("0"), DEFAULT.confirmation.posterior
     for hysteresis, status in ((1.0, "candidate"), (0.8, "confirmed")):
         config = PosteriorConfig(hysteresis=hysteresis)
-        assessments = told(story, ObjectConfig(confirmation=ConfirmationConfig(posterior=config)))
+        assessments = assessments_of(story, ObjectConfig(confirmation=ConfirmationConfig(posterior=config)))
         assert [a.status for a in assessments] == ["confirmed", status]
         assert 0.8 * posterior.min_chance < assessments[-1].confidence < posterior.min_chance
 
@@ -99,42 +99,26 @@ def test_no_flicker_at_the_threshold():
     ],
 )
 def test_the_paper_to_the_letter(story, label, status):
-    last = told(story, PAPER)[-1]
+    last = assessments_of(story, PAPER)[-1]
     assert (last.label, last.status) == (label, status), last.reason
 
 
 def test_absorbing_adds_up():
     a, b = Evidence(), Evidence()
-    told(robot("couch", 0.8, "00") + misses("1"), DEFAULT, a)
-    told(robot("couch", 0.6, "00") + camera("bed", 0.5) + misses("12"), DEFAULT, b)
+    assessments_of(robot("couch", 0.8, "00") + misses("1"), DEFAULT, a)
+    assessments_of(robot("couch", 0.6, "00") + camera("bed", 0.5) + misses("12"), DEFAULT, b)
     a.absorb(b)
     assert (a.misses, a.count("couch"), a.count("bed"), a.robot["couch"].n) == (3, 4, 1, 4)
-    assert a.robot["couch"].score == pytest.approx(2 * 0.8 + 2 * 0.6)
-    assert a.looks.of["robot", "1"].misses == 2
+    assert a.robot["couch"].total == pytest.approx(2 * 0.8 + 2 * 0.6)
+    assert a.by_direction.views["robot", "1"].misses == 2
     assert Evidence.from_state(a.state()).state() == a.state()
-
-
-def test_evidence_of_before_there_were_looks_goes_on():
-    """As version 2 and 3 of snapshots wrote it: n, near, weight, weighted scores, places, and maybe log-odds by place."""
-    state = {
-        "robot": {"bed": [3, 2, 1.5, 1.2, [["robot/r1", 4, 2, 0], ["robot/r1", 4, 2, 23]]]},
-        "surveillance": {"bed": [1, 0, 1.0, 0.6, [["camera/a", 3]], [0.4]]},
-        "misses": 2,
-        "settled": "bed",
-        "flipped": ["couch", "bed", 1],
-    }
-    evidence = Evidence.from_state(state)
-    assert (evidence.count("bed"), evidence.misses, evidence.flipped) == (4, 2, ("couch", "bed"))
-    assert evidence.robot["bed"].score == pytest.approx(3 * 0.8)
-    assert set(evidence.looks.of) == {("camera", "camera/a"), ("robot", "0"), ("robot", "7")}
-    assert confirmation_of(DEFAULT).assess(evidence, "candidate").status == "confirmed"
 
 
 def test_without_flips_a_sure_detection_is_believed_whatever_comes_later():
     """What the baselines believe: one detection above the threshold, and a change of class is none."""
     rule = ConfirmationConfig(rule="paper", paper=PaperConfirmationConfig(min_detections=1, flip_rejects=False))
     story = robot("couch", 0.6) + robot("bed", 0.9) + misses("0" * 9)
-    assessments = told(story, ObjectConfig(confirmation=rule))
+    assessments = assessments_of(story, ObjectConfig(confirmation=rule))
     assert [(a.label, a.status) for a in assessments[:2]] == [("couch", "confirmed"), ("bed", "confirmed")]
     assert {a.status for a in assessments} == {"confirmed"}
 
@@ -149,8 +133,8 @@ def test_without_flips_a_sure_detection_is_believed_whatever_comes_later():
     ],
 )
 def test_the_paper_weighs_scores_and_our_rule_chances(config, score, chance, status):
-    rule, evidence = confirmation_of(config), Evidence()
+    rule, evidence = confirmation_rule(config), Evidence()
     for side in "0123":
-        evidence.add("X", score, chance, ("robot", side))
-    rule.settle(evidence)
+        evidence.add_detection("X", score, chance, ("robot", side))
+    rule.update(evidence)
     assert rule.assess(evidence, "candidate").status == status

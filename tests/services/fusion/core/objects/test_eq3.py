@@ -12,11 +12,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from surveilnav.geometry import Pinhole
-from surveilnav.sensing.views import Detected, PosedView
+from surveilnav.sensing.views import DetectedObject, PosedView
 from surveilnav.services.fusion.core import FusionConfig, JointMap, ObjectConfig, in_order
 from surveilnav.services.fusion.core.config import AssociationConfig, FalsePositiveConfig
 from surveilnav.services.fusion.core.objects.association import similarity
-from surveilnav.services.fusion.core.objects.localization import Sighting
+from surveilnav.services.fusion.core.objects.localization import LocatedDetection
 from surveilnav.services.fusion.core.objects.object_map import ObjectMap
 from surveilnav.services.fusion.core.objects.shape import Shape
 
@@ -119,17 +119,17 @@ def view(i=0, source="robot/r"):
     return PosedView(source, 0, i, i, "0", np.eye(4), CAMERA, 0.88, rgb, nothing, (0.5, 5.0))
 
 
-def sighting(points, embedding, number=0, label="chair", score=0.5):
+def located(points, embedding, number=0, label="chair", score=0.5):
     box = (0.0, 0.0, float(number + 1), 1.0)  # tells detections apart in histories
-    shape = Shape.of_points(np.array(points), FINE, COARSE)
-    return Sighting(Detected(label, score, box, None, np.asarray(embedding, np.float32)), shape, 1.0)
+    shape = Shape.from_points(np.array(points), FINE, COARSE)
+    return LocatedDetection(DetectedObject(label, score, box, None, np.asarray(embedding, np.float32)), shape, 1.0)
 
 
 def through_the_map(detections, config, floor_z_m=0.0):
     objects = ObjectMap("0", floor_z_m, FINE, config)
     for i, (points, embedding) in enumerate(detections):
-        s = sighting(points, embedding, i)
-        objects.add_located(view(i), (s.detected,), [s])
+        s = located(points, embedding, i)
+        objects.add_located(view(i), (s.detection,), [s])
     numbers = {}
     for record in objects.records():
         numbers |= {round(event.box_px[2]) - 1: record.id - 1 for event in record.history if event.box_px}
@@ -180,7 +180,7 @@ def test_similarity_is_the_weighted_sum_and_symmetric(geometry, detections):
 
     def s(points, embedding, other_points, other_embedding):
         one = through_the_map([(other_points, other_embedding)], config)[1]._objects[1]
-        shape = Shape.of_points(np.array(points), FINE, COARSE)
+        shape = Shape.from_points(np.array(points), FINE, COARSE)
         return similarity(shape, embedding, one.shape, one.embedding_sum, config.association).s
 
     there, back = s(p, e, q, f), s(q, f, p, e)
@@ -216,8 +216,8 @@ def test_a_thing_is_not_swallowed_by_what_would_make_it_too_large(tools, size_pr
     objects = ObjectMap("0", 0.0, FINE, config)
     things = {"tv": box((0, 0, 0.8), (1.0, 0.3, 1.4), 3000), "cupboard": box((-0.6, 0, 0.4), (1.6, 0.4, 2.5), 30_000)}
     for i, label in enumerate(["tv", "cupboard"]):
-        s = sighting(things[label], tools.unit(0), i, "tv" if label == "tv" else "refrigerator")
-        objects.add_located(view(i), (s.detected,), [s])
+        s = located(things[label], tools.unit(0), i, "tv" if label == "tv" else "refrigerator")
+        objects.add_located(view(i), (s.detection,), [s])
     labels = sorted(o.label for o in objects.records())
     assert len(labels) == n_objects
     assert n_objects == 1 or labels == ["refrigerator", "tv"]
@@ -231,9 +231,9 @@ def test_heights_are_above_the_floor(tools, floor_z_m, status):
     for i in range(9):
         T = np.eye(4)
         T[0, 3] = i
-        s = sighting(points, tools.unit(0), i)
-        s = dataclasses.replace(s, detected=dataclasses.replace(s.detected, chance=0.9))
-        objects.add_located(dataclasses.replace(view(i), T_world_camera=T), (s.detected,), [s])
+        s = located(points, tools.unit(0), i)
+        s = dataclasses.replace(s, detection=dataclasses.replace(s.detection, chance=0.9))
+        objects.add_located(dataclasses.replace(view(i), T_world_camera=T), (s.detection,), [s])
     (chair,) = objects.records()
     assert chair.status == status
     assert status == "confirmed" or chair.reason.startswith("too high for a chair")
@@ -245,8 +245,8 @@ def test_embeddings_of_both_sources_count_by_their_detections(tools):
     robot, camera = tools.unit(0), (tools.unit(0) + tools.unit(1)) / np.float32(math.sqrt(2))
     for i in range(5):
         source, look = ("robot/r", robot) if i < 2 else (f"camera/c{i}", camera)
-        s = sighting(points, look)
-        objects.add_located(view(i, source), (s.detected,), [s])
+        s = located(points, look)
+        objects.add_located(view(i, source), (s.detection,), [s])
     (obj,) = objects._objects.values()
     mean = (2 * robot + 3 * camera) / 5
     np.testing.assert_allclose(
@@ -269,8 +269,8 @@ def test_confidence_is_the_maximum_of_both_and_the_class_that_of_the_maximum(vot
     points = np.random.default_rng(0).uniform(0, 0.4, (60, 3))
     scores = {True: {}, False: {}}
     for i, (is_robot, label, score) in enumerate(votes):
-        s = sighting(points, [1.0, 0.0], label=label, score=score)
-        objects.add_located(view(i, "robot/r" if is_robot else "camera/c"), (s.detected,), [s])
+        s = located(points, [1.0, 0.0], label=label, score=score)
+        objects.add_located(view(i, "robot/r" if is_robot else "camera/c"), (s.detection,), [s])
         scores[is_robot].setdefault(label, []).append(score)
     best = {
         is_robot: max(((sum(v) / len(v), label) for label, v in of_kind.items()), default=(0.0, ""))

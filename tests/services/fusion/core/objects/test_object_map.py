@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from surveilnav.sensing.views import Detected
+from surveilnav.sensing.views import DetectedObject
 from surveilnav.services.fusion.core import FusionConfig, JointMap, ObjectConfig
 from surveilnav.services.fusion.core.config import AssociationConfig, FalsePositiveConfig
-from surveilnav.services.fusion.core.objects.sizes import misfit
+from surveilnav.services.fusion.core.objects.sizes import size_mismatch
 
 SOFA = ((3.0, 1.2, 0.0), (3.8, 2.8, 0.8))
 STOOL = ((2.0, 0.4, 0.0), (2.4, 0.8, 0.5))
@@ -111,16 +111,16 @@ def test_only_what_has_the_size_of_its_class_is_confirmed(furnished, tools, labe
         ("a dragon", (0.0, 0.0, 0.0), 9.0, ""),
     ],
 )
-def test_misfits(label, size_m, top_m, why):
-    assert misfit(label, size_m, top_m).startswith(why)
-    assert bool(misfit(label, size_m, top_m)) == bool(why)
+def test_size_mismatches(label, size_m, top_m, why):
+    assert size_mismatch(label, size_m, top_m).startswith(why)
+    assert bool(size_mismatch(label, size_m, top_m)) == bool(why)
 
 
 def test_what_has_not_the_size_of_a_class_is_believed_less_to_be_it(furnished, tools):
     """A stool taken for a bed by half the views: as a bed it counts half, as a chair in full."""
     scores = {}
     for factor in (1.0, 0.5):
-        joint = with_sizes(misfit_factor=factor)
+        joint = with_sizes(size_mismatch_factor=factor)
         for i, view in enumerate(around(furnished, STOOL, radius=1.3)):
             label = "bed" if i % 2 else "chair"
             joint.integrate(view, tools.seen(furnished.detect(view, "stool", label, 0.9, tools.unit(0))))
@@ -158,7 +158,7 @@ def test_one_thing_twice_in_a_picture_counts_once(furnished, tools):
     joint = JointMap()
     view = around(furnished, SOFA)[0]
     once = furnished.detect(view, "sofa", "couch", 0.8, tools.unit(0))
-    again = Detected("couch", 0.6, once.box_px, once.mask, tools.unit(0))
+    again = DetectedObject("couch", 0.6, once.box_px, once.mask, tools.unit(0))
     joint.integrate(view, tools.seen(again, once))
     (sofa,) = joint.objects("0")
     assert (sofa.n_detections, sofa.confidence) == (1, pytest.approx(0.8))
@@ -185,7 +185,7 @@ def test_partial_views_join_by_overlap_and_split_by_box_iou(furnished, tools):
         whole = furnished.detect(view, "sofa", "couch", 0.8, tools.unit(0))
         x0, y0, x1, y1 = whole.box_px
         third = x0 + round((x1 - x0) / 4)
-        part = Detected("couch", 0.8, (x0, y0, third, y1), whole.mask[:, : int(third - x0)], tools.unit(0))
+        part = DetectedObject("couch", 0.8, (x0, y0, third, y1), whole.mask[:, : int(third - x0)], tools.unit(0))
         joint.integrate(view, tools.seen(whole))
         joint.integrate(view, tools.seen(part))
         return len(joint.objects("0"))
@@ -200,8 +200,8 @@ def test_duplicates_are_merged_when_views_have_joined_them(furnished, tools):
     whole = furnished.detect(view, "sofa", "couch", 0.8, tools.unit(0))
     (x0, y0, x1, y1), mask = whole.box_px, whole.mask
     third, rest = round((x1 - x0) / 3), round(2 * (x1 - x0) / 3)
-    left = Detected("couch", 0.7, (x0, y0, x0 + third, y1), mask[:, :third], tools.unit(0))
-    right = Detected("couch", 0.7, (x0 + rest, y0, x1, y1), mask[:, rest:], tools.unit(0))
+    left = DetectedObject("couch", 0.7, (x0, y0, x0 + third, y1), mask[:, :third], tools.unit(0))
+    right = DetectedObject("couch", 0.7, (x0 + rest, y0, x1, y1), mask[:, rest:], tools.unit(0))
     joint.integrate(view, tools.seen(left, right))
     assert len(joint.objects("0")) == 2
     joint.integrate(view, tools.seen(whole))
@@ -247,7 +247,9 @@ def test_history_objects_and_points_are_bounded(furnished, tools):
     joint = JointMap(FusionConfig(objects=config))
     rng = np.random.default_rng(0)
     for i, view in enumerate(around(furnished, SOFA, 30)):
-        noise = Detected("cup", 0.3, (*rng.uniform(0, 60, 2), *rng.uniform(70, 110, 2)), None, tools.unit(2 + i % 5))
+        noise = DetectedObject(
+            "cup", 0.3, (*rng.uniform(0, 60, 2), *rng.uniform(70, 110, 2)), None, tools.unit(2 + i % 5)
+        )
         joint.integrate(view, tools.seen(furnished.detect(view, "sofa", "couch", 0.8, tools.unit(0)), noise))
     objects = joint.objects("0")
     assert len(objects) <= 2
@@ -261,6 +263,6 @@ def test_history_objects_and_points_are_bounded(furnished, tools):
 def test_weak_and_empty_detections_are_left_out(furnished, tools, score):
     joint = JointMap()
     view = around(furnished, SOFA)[0]
-    off = Detected("couch", 0.9, (500.0, 0.0, 600.0, 50.0), None, tools.unit(0))
+    off = DetectedObject("couch", 0.9, (500.0, 0.0, 600.0, 50.0), None, tools.unit(0))
     joint.integrate(view, tools.seen(off, furnished.detect(view, "sofa", "couch", score, tools.unit(0))))
     assert joint.objects("0") == []

@@ -10,13 +10,13 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from surveilnav.services.fusion.core.maps.cloud import voxel_centres, voxel_keys
-from surveilnav.services.fusion.core.objects.shape import Shape, evenly
+from surveilnav.services.fusion.core.objects.shape import Shape, spread_indices
 
 points = hnp.arrays(np.float64, st.tuples(st.integers(1, 40), st.just(3)), elements=st.floats(-0.25, 0.25))
 
 
 def shape(p):
-    return Shape.of_points(np.asarray(p, float), 0.025, 0.05)
+    return Shape.from_points(np.asarray(p, float), 0.025, 0.05)
 
 
 def block(x, y, z, sx, sy, sz):
@@ -62,5 +62,5 @@ def test_samples_are_some_of_the_points_and_evenly_spaced():
     assert len(whole.points) > 64
     assert {tuple(p) for p in whole.samples} < {tuple(p) for p in whole.points}
     assert len(whole.samples) == 64
-    np.testing.assert_array_equal(evenly(5, 64), np.arange(5))
-    assert (evenly(1000, 3) == (0, 500, 999)).all() or (evenly(1000, 3) == (0, 499, 999)).all()
+    np.testing.assert_array_equal(spread_indices(5, 64), np.arange(5))
+    assert (spread_indices(1000, 3) == (0, 500, 999)).all() or (spread_indices(1000, 3) == (0, 499, 999)).all()

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from surveilnav.geometry import inverse, transform_points
-from surveilnav.services.fusion.core.objects.visibility import in_plain_view
+from surveilnav.services.fusion.core.objects.visibility import visible_shares
 
 
 def reference(view, p_world, near_m, far_m):
@@ -36,7 +36,7 @@ def test_as_one_by_one(tools, seed):
     view = world.view(*rng.uniform(0.3, 1.5, 2), rng.uniform(-math.pi, math.pi), -0.2)
     view.depth_m[rng.uniform(size=view.depth_m.shape) < 0.1] = rng.choice([0.0, np.nan])
     things = [rng.uniform(0, 4, 3) + rng.uniform(-0.5, 0.5, (int(rng.integers(1, 65)), 3)) for _ in range(6)]
-    shares, pixels = in_plain_view(view, things, 0.7, 3.5)
+    shares, pixels = visible_shares(view, things, 0.7, 3.5)
     for thing, share, pixel in zip(things, shares, pixels, strict=True):
         wanted_share, wanted_pixel = reference(view, thing, 0.7, 3.5)
         assert share == pytest.approx(wanted_share)
@@ -44,5 +44,5 @@ def test_as_one_by_one(tools, seed):
 
 
 def test_no_objects_no_shares(world):
-    shares, pixels = in_plain_view(world.view(1.0, 1.0, 0.0), [], 0.7, 3.5)
+    shares, pixels = visible_shares(world.view(1.0, 1.0, 0.0), [], 0.7, 3.5)
     assert (shares.shape, pixels.shape) == ((0,), (0, 2))

@@ -1,4 +1,4 @@
-"""What a camera view is utility, on hand-made floors. '#': obstacle, '.': explored, ' ': unknown, 'f': frontier."""
+"""The utility of camera views, on hand-made floors. '#': obstacle, '.': explored, ' ': unknown, 'f': frontier."""
 
 from __future__ import annotations
 
@@ -56,10 +56,10 @@ def slow(view: ViewFootprint, known: KnownFloor | None, robots: np.ndarray) -> f
             w = 1.0
             if known is not None and known.grid.contains(cell := known.grid.cells_of((x, y))):
                 row, col = cell
-                w = CONFIG.known if known.explored[row, col] else 1.0
-                w = CONFIG.frontier if known.frontier[row, col] else w
+                w = CONFIG.explored_weight if known.explored[row, col] else 1.0
+                w = CONFIG.frontier_weight if known.frontier[row, col] else w
             d = min((math.hypot(x - a, y - b) for a, b in robots), default=0.0)
-            total += w * math.exp(-d / CONFIG.near_m) * side * side
+            total += w * math.exp(-d / CONFIG.distance_scale_m) * side * side
     return total
 
 
@@ -102,7 +102,7 @@ def test_frontiers_and_places_near_the_robot_come_first():
 
 
 def test_maps_weigh_views_floor_by_floor():
-    """A floor that no robot is on is utility nothing now; one that nothing is known of is unexplored."""
+    """Views of a floor without a robot have no utility now; a floor of which nothing is known is unexplored."""
     joint = JointMap(FusionConfig())
     upstairs = ViewFootprint.from_view(pose(0.0, 30.0, z_m=4.8), LENS, 3.0, 3.0)
     here, above = joint.view_utilities([footprint(), upstairs], [(0.0, 0.0, 0.1)])

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from surveilnav.geometry import Pinhole
-from surveilnav.sensing.views import Detected
+from surveilnav.sensing.views import DetectedObject
 from surveilnav.services.fusion.core import FusionConfig, JointMap, MapConfig
 from surveilnav.services.fusion.core.config import ValidationConfig
 from surveilnav.services.fusion.core.snapshot import pack
@@ -27,7 +27,7 @@ def seen_some(world, tools):
     joint = JointMap(FusionConfig(map=MapConfig(max_floors=2, max_extent_m=40)))
     for i in (1, 2, 3):
         view = replace(world.view(1.8 + 0.2 * i, 2, 0.1 * i, seq=i), stamp_ns=i * 10**9)
-        joint.accept(view, tools.seen(Detected("chair", 0.8, (60.0, 60.0, 100.0, 110.0), None, tools.unit(0))))
+        joint.accept(view, tools.seen(DetectedObject("chair", 0.8, (60.0, 60.0, 100.0, 110.0), None, tools.unit(0))))
     joint.accept(world.view(5, 3, -2.4, -0.5, height=1.8, source="camera/c"), tools.seen())
     joint.accept(replace(world.view(2, 2, 0, seq=1, source="robot/s", floor="1", floor_z=2.8), stamp_ns=1), None)
     return joint
@@ -64,7 +64,7 @@ def depth_with(view, value, everywhere=False):
 
 
 def one(tools, box=(0.0, 0.0, 5.0, 5.0), score=0.5, mask=None, embedding=None):
-    return tools.seen(Detected("c", score, box, mask, tools.unit(0) if embedding is None else embedding))
+    return tools.seen(DetectedObject("c", score, box, mask, tools.unit(0) if embedding is None else embedding))
 
 
 BAD8 = np.full(8, np.nan, np.float32)

@@ -1,5 +1,4 @@
-"""Files that are whole or not there: parts with a checksum, written under another name and renamed; and folders of them that
-stay under a size."""
+"""Files that are written atomically, files of several parts with a checksum, and a disk cache of such files."""
 
 from __future__ import annotations
 
@@ -15,24 +14,25 @@ from typing import IO, TypeVar
 
 try:
     import fcntl
-except ImportError:  # not a POSIX system: work may be done twice, never wrongly
+except ImportError:  # not a POSIX system: processes may do the same work twice, which is harmless
     fcntl = None  # type: ignore[assignment]
 
 
 T = TypeVar("T")
 
-#: How names of files end that are being written.
-PART = ".part"
-#: Of a cache's room: written by one process between two looks at the whole folder.
+#: Suffix of files that are being written.
+TEMPORARY = ".part"
+#: Share of a cache's capacity that a process may write before it measures the folder again.
 _RECOUNT = 0.02
+#: Temporary files older than this were left by a process that was killed.
 _ABANDONED_S = 3600.0
 
 
 @contextlib.contextmanager
-def replacing(path: Path) -> Iterator[IO[bytes]]:
-    """A file to write that becomes ``path`` when all is written, and leaves nothing if that fails."""
+def atomic_write(path: Path) -> Iterator[IO[bytes]]:
+    """A temporary file that replaces ``path`` when the block ends, and is deleted if the block raises."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=".", suffix=PART)
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=".", suffix=TEMPORARY)
     try:
         with os.fdopen(handle, "wb") as file:
             yield file
@@ -43,15 +43,25 @@ def replacing(path: Path) -> Iterator[IO[bytes]]:
 
 
 def write_parts(path: Path, kind: bytes, parts: Sequence[bytes]) -> int:
-    """Writes ``parts`` to ``path`` at once; returns the size of the file. Raises OSError as the disk does."""
+    """Writes ``parts`` with a checksum to ``path``, atomically.
+
+    Args:
+        kind: identifies the file's format; the first line of the file.
+
+    Returns:
+        The size of the file.
+
+    Raises:
+        OSError: the file can't be written.
+    """
     body = struct.pack(f"<I{len(parts)}Q", len(parts), *map(len, parts)) + b"".join(parts)
-    with replacing(path) as file:
+    with atomic_write(path) as file:
         file.write(kind + b"\n" + hashlib.sha256(body).digest() + body)
     return len(kind) + 33 + len(body)
 
 
 def read_parts(path: Path, kind: bytes) -> list[bytes] | None:
-    """The parts of a file that ``write_parts`` wrote; None if it isn't there or is damaged (then it is deleted)."""
+    """The parts of a file written by ``write_parts``. None if there is no file, or if it was damaged; then it is deleted."""
     try:
         data = path.read_bytes()
     except OSError:
@@ -71,66 +81,65 @@ def read_parts(path: Path, kind: bytes) -> list[bytes] | None:
 
 
 class FolderCache:
-    """What was made before and can be made again: an entry a file, at most ``max_bytes`` in all.
+    """A disk cache of at most ``max_bytes`` with one file per entry; the least recently used entries are evicted.
 
-    The least recently used go first. Any number of processes may share a folder; each sees what the others kept. Each looks
-    how much lies there after every fiftieth of the room that it writes: so far each may go beyond.
+    Any number of processes may share a folder. Each measures the folder only after it has written a fiftieth of the capacity,
+    by which it may exceed the limit meanwhile.
     """
 
     def __init__(self, folder: Path, kind: bytes, suffix: str, max_bytes: int) -> None:
-        """``kind``: of its files, as ``write_parts`` takes it; ``suffix``: of their names, with its dot."""
+        """``kind``: format of its files, see ``write_parts``; ``suffix``: suffix of their names, with the dot."""
         if max_bytes <= 0:
             raise ValueError(f"a cache needs room, got max_bytes={max_bytes}")
         self._folder, self._kind, self._suffix, self._max_bytes = folder, kind, suffix, max_bytes
-        self._unseen = 0
+        self._unmeasured_bytes = 0
 
-    def path_of(self, key: str) -> Path:
-        """The file of an entry. ``key``: a hash in hex."""
+    def path_for(self, key: str) -> Path:
+        """The path of an entry. ``key``: a hash in hex."""
         return self._folder / key[:2] / f"{key[2:]}{self._suffix}"
 
     def get(self, key: str) -> list[bytes] | None:
-        """The parts of an entry; None: there is none. It counts as used."""
-        path = self.path_of(key)
+        """The parts of an entry, which becomes the most recently used; None if there is none."""
+        path = self.path_for(key)
         parts = read_parts(path, self._kind)
         if parts is not None:
             with contextlib.suppress(OSError):
                 os.utime(path)  # the modification time is the time of last use
         return parts
 
-    def read(self, key: str, of_parts: Callable[[list[bytes]], T], *errors: type[Exception]) -> T | None:
-        """What ``of_parts`` makes of an entry; None: there is none, or it raised one of ``errors`` and the entry is dropped."""
+    def read(self, key: str, parse: Callable[[list[bytes]], T], *errors: type[Exception]) -> T | None:
+        """The parsed entry. None if there is none, or if ``parse`` raised one of ``errors``; then the entry is deleted."""
         parts = self.get(key)
         if parts is None:
             return None
         try:
-            return of_parts(parts)
+            return parse(parts)
         except errors:
             self.drop(key)
             return None
 
     def put(self, key: str, parts: Sequence[bytes]) -> None:
-        """Keeps an entry. A full or read-only disk keeps nothing, and nothing fails."""
+        """Stores an entry. If the disk is full or read-only nothing is stored, and no error is raised."""
         with contextlib.suppress(OSError):
-            self._unseen += write_parts(self.path_of(key), self._kind, parts)
-            if self._unseen > _RECOUNT * self._max_bytes:
-                self._unseen = 0
-                self._shrink(keep=self.path_of(key))
+            self._unmeasured_bytes += write_parts(self.path_for(key), self._kind, parts)
+            if self._unmeasured_bytes > _RECOUNT * self._max_bytes:
+                self._unmeasured_bytes = 0
+                self._shrink(keep=self.path_for(key))
 
     def drop(self, key: str) -> None:
-        """Forgets an entry that turned out to be wrong."""
+        """Deletes an entry."""
         with contextlib.suppress(OSError):
-            self.path_of(key).unlink(missing_ok=True)
+            self.path_for(key).unlink(missing_ok=True)
 
     def _shrink(self, keep: Path) -> None:
-        """Deletes the least recently used entries until 90 % of the room is taken, whoever wrote them; and what writers that
-        were killed left behind."""
+        """Deletes the least recently used entries down to 90 % of the capacity, and abandoned temporary files."""
         entries = []
         for path in self._folder.glob("*/*"):
             with contextlib.suppress(FileNotFoundError):
                 stat = path.stat()
                 if path.suffix == self._suffix:
                     entries.append((stat.st_mtime_ns, str(path), stat.st_size))
-                elif path.suffix == PART and time.time() - stat.st_mtime > _ABANDONED_S:
+                elif path.suffix == TEMPORARY and time.time() - stat.st_mtime > _ABANDONED_S:
                     path.unlink(missing_ok=True)
         total = sum(size for _, _, size in entries)
         if total <= self._max_bytes:
@@ -145,8 +154,8 @@ class FolderCache:
 
 
 @contextlib.contextmanager
-def locked(path: Path) -> Iterator[None]:
-    """Holds ``path`` against other processes, so that costly work is done once. Released if the process dies."""
+def file_lock(path: Path) -> Iterator[None]:
+    """Holds a lock on ``path`` against other processes. It is released if the process dies."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("ab") as file:
         if fcntl is not None:

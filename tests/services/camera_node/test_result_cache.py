@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from surveilnav.services.camera_node.config import CameraSettings
-from surveilnav.services.camera_node.frames import EncodedViews
-from surveilnav.stored import write_parts
+from surveilnav.services.camera_node.frames import FrameEncoder
+from surveilnav.storage import write_parts
 
 SETTINGS = CameraSettings()
 
@@ -18,7 +18,7 @@ def empty_cache(tmp_path, monkeypatch):
 
 
 def encoded(camera, quality=85, settings=SETTINGS):
-    return EncodedViews(camera, settings.model_copy(update={"jpeg_quality": quality}))
+    return FrameEncoder(camera, settings.model_copy(update={"jpeg_quality": quality}))
 
 
 def test_a_frame_is_encoded_in_one_run_alone(make_camera):
@@ -38,7 +38,7 @@ def test_another_home_view_or_quality_is_another_frame(make_camera, scene, view,
 
 def test_nothing_is_kept_of_a_real_camera_or_without_room(make_camera, empty_cache):
     encoded(make_camera()).newest(3)
-    encoded(make_camera(scene="home"), settings=CameraSettings(kept_mb=0)).newest(3)
+    encoded(make_camera(scene="home"), settings=CameraSettings(disk_cache_mb=0)).newest(3)
     assert not list(empty_cache.rglob("*.kept"))
 
 
@@ -77,7 +77,7 @@ def test_a_view_that_changes_while_it_is_encoded_is_not_kept(make_camera, empty_
 
 def test_another_program_makes_its_own(make_camera, monkeypatch):
     encoded(make_camera(scene="home")).newest(3)
-    monkeypatch.setattr("surveilnav.services.camera_node.kept.program_id", lambda *names: "another")
+    monkeypatch.setattr("surveilnav.services.camera_node.result_cache.code_fingerprint", lambda *names: "another")
     camera = make_camera(scene="home")
     encoded(camera).newest(3)
     assert camera.asked == [3]

@@ -18,10 +18,10 @@ from surveilnav.errors import PerceptionError
 from surveilnav.messages import CameraRequest
 from surveilnav.perception.names import BackendName
 from surveilnav.perception.vocabulary import COCO
-from surveilnav.sensing.views import Detected, ViewPerception
-from surveilnav.services.camera_node import eyes as eyes_module
+from surveilnav.sensing.views import DetectedObject, ViewPerception
+from surveilnav.services.camera_node import edge_perception as edge_perception_module
 from surveilnav.services.camera_node.config import CameraSettings
-from surveilnav.services.camera_node.eyes import Eyes, open_eyes
+from surveilnav.services.camera_node.edge_perception import EdgePerception, open_edge_perception
 from surveilnav.services.camera_node.service import CameraService
 from surveilnav.simulator.truth.backends import Oracle
 from tests.waiting import patient, until
@@ -47,24 +47,26 @@ class Watcher:
             raise PerceptionError("out of sorts")
         scores = [(label, 0.5 + 0.01 * key[1]) for label in self.labels]
         box = (0.0, 0.0, 9.0, 9.0)
-        found = tuple(Detected(label, score / 2, box, None, np.zeros(81, np.float32), score) for label, score in scores)
+        found = tuple(
+            DetectedObject(label, score / 2, box, None, np.zeros(81, np.float32), score) for label, score in scores
+        )
         return ViewPerception(self.name, found, np.zeros(81, np.float32))
 
 
 @pytest.fixture
 def start(camera_node, make_camera):
-    """``start(backend)``: eyes that look; they are closed at the test's end."""
+    """``start(backend)``: edge perception that runs; it is closed at the test's end."""
     opened = []
 
     def start(backend, settings=QUICK, busy=lambda: False, camera=None):
-        eyes = Eyes(camera_node, camera or make_camera(), settings, lambda: backend, busy)
-        opened.append(eyes)
-        eyes.start()
-        return eyes
+        perception = EdgePerception(camera_node, camera or make_camera(), settings, lambda: backend, busy)
+        opened.append(perception)
+        perception.start()
+        return perception
 
     yield start
-    for eyes in opened:
-        eyes.close()
+    for perception in opened:
+        perception.close()
 
 
 def summaries(node):
@@ -109,9 +111,9 @@ def test_other_eyes_look_themselves(start, make_camera, tmp_path, monkeypatch, o
     until(lambda: len(first.looks) == 12)
     settings = QUICK.model_copy(update={"perception": "compact"}) if other == "perception" else QUICK
     if other == "weights":
-        monkeypatch.setattr(eyes_module.models, "small_weights", lambda: ("compact@another",))
+        monkeypatch.setattr(edge_perception_module.models, "small_weights", lambda: ("compact@another",))
     if other == "program":
-        monkeypatch.setattr("surveilnav.services.camera_node.kept.program_id", lambda *names: "another")
+        monkeypatch.setattr("surveilnav.services.camera_node.result_cache.code_fingerprint", lambda *names: "another")
     start(second, settings, camera=make_camera(scene="home"))
     until(lambda: len(second.looks) == 12)
 
@@ -123,7 +125,7 @@ def test_a_busy_camera_tells_nothing_of_what_it_saw_in_an_earlier_run(start, mak
     until(lambda: len(first.looks) == 12)
     paused = start(Watcher(), busy=lambda: True, camera=make_camera(scene="home"))
     time.sleep(0.3)
-    assert paused._seen == {}
+    assert paused._examined == {}
 
 
 def test_oracle_is_told_the_truth(start, make_node):
@@ -157,7 +159,7 @@ def test_a_slow_look_delays_neither_frames_nor_thumbnails(start, camera_node, ma
     watcher = Watcher(hold=hold)
     start(watcher)
     until(lambda: watcher.looks)  # it looks, and will for a long time
-    slots = [client.slot(CAMERA_FRAME, floor="0", camera="c1", view=v) for v in range(13)]
+    slots = [client.latest(CAMERA_FRAME, floor="0", camera="c1", view=v) for v in range(13)]
     loop = threading.Thread(target=lambda: camera_node.run(service.step, idle_s=0.02), daemon=True)
     loop.start()
     missing = set(range(13))
@@ -213,39 +215,39 @@ def test_after_the_news_it_keeps_its_rate(start, make_node, camera_node):
 
 
 def test_a_detector_that_cannot_run_is_named_and_the_camera_goes_on(start, camera_node, monkeypatch):
-    monkeypatch.setattr(eyes_module, "_RETRY_S", 0.1)
+    monkeypatch.setattr(edge_perception_module, "_RETRY_S", 0.1)
     watcher = Watcher(fails=1)
-    eyes = start(watcher)
+    perception = start(watcher)
     until(lambda: len(watcher.looks) > 2)
     assert watcher.looks[:2] == [0, 0], "the view is looked at again"
     assert camera_node.traffic.rejected() == {"own perception": 1}
-    assert eyes._thread.is_alive()
+    assert perception._thread.is_alive()
 
 
 def test_a_camera_takes_every_backend_s_name_and_no_other():
-    looks = {name for name in BackendName if CameraSettings(perception=name).looks}
+    looks = {name for name in BackendName if CameraSettings(perception=name).runs_perception}
     assert looks == {"auto", "compact", "onnx-coco", "oracle", "simulated"}
-    assert not CameraSettings().looks
+    assert not CameraSettings().runs_perception
     with pytest.raises(ValidationError):
         CameraSettings(perception="magic")
 
 
 def test_who_does_not_choose_a_floor_loads_no_detector(camera_node, make_camera):
     def opened(n_floors, **settings):
-        return open_eyes(
+        return open_edge_perception(
             camera_node, make_camera(), CameraSettings(**settings), n_floors=n_floors, load=Oracle, busy=lambda: False
         )
 
     for name in ("paper", "yolo-world"):
-        with opened(2, perception=name) as eyes:
-            assert eyes is None, "large models run in the perception service alone"
-    with opened(2, perception="none") as eyes:
-        assert eyes is None
-    with opened(1, perception="oracle") as eyes:
-        assert eyes is None
-    with opened(1, perception="oracle", least_floors=1) as eyes:
-        assert eyes._thread.is_alive()
-    assert not eyes._thread.is_alive()
+        with opened(2, perception=name) as perception:
+            assert perception is None, "large models run in the perception service alone"
+    with opened(2, perception="none") as perception:
+        assert perception is None
+    with opened(1, perception="oracle") as perception:
+        assert perception is None
+    with opened(1, perception="oracle", min_floors=1) as perception:
+        assert perception._thread.is_alive()
+    assert not perception._thread.is_alive()
     code = "import sys, surveilnav.services.camera_node.__main__; print([m for m in sys.modules if 'onnx' in m or 'choose' in m])"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
     assert run.stdout.strip() == "[]", "the networks' runtime is loaded without need"

@@ -2,11 +2,11 @@ from __future__ import annotations
 
 import shutil
 import sys
+from importlib import metadata
 
 import pytest
 
-from surveilnav import program
-from surveilnav.program import program_id
+from surveilnav.code_fingerprint import code_fingerprint
 
 
 @pytest.fixture
@@ -23,8 +23,8 @@ def package(tmp_path, monkeypatch):
 
 
 def anew(*names):
-    program_id.cache_clear()
-    return program_id(*names)
+    code_fingerprint.cache_clear()
+    return code_fingerprint(*names)
 
 
 @pytest.mark.parametrize("file", ["__init__.py", "data/words.json"])
@@ -37,7 +37,7 @@ def test_a_changed_file_is_another_program(package, file):
 
 def test_a_new_version_of_a_library_is_another_program(package, monkeypatch):
     first = anew(package.name)
-    monkeypatch.setattr(program.metadata, "version", lambda name: "999")
+    monkeypatch.setattr(metadata, "version", lambda name: "999")
     assert anew(package.name) != first
 
 

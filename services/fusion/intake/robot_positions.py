@@ -1,0 +1,40 @@
+"""The positions that robots report. They are known before the maps hold anything of a floor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from surveilnav.messages import FrameHeader
+
+_MAX_FLOORS = 64  # since a robot may send any number of floor names
+
+
+@dataclass(frozen=True, slots=True)
+class RobotPosition:
+    """Where a robot says that it is [m, world]; ``z_m`` is the altitude of the floor below it."""
+
+    x_m: float
+    y_m: float
+    z_m: float
+
+
+class RobotPositions:
+    """The latest position of any robot on each floor. Safe to read from any thread."""
+
+    def __init__(self) -> None:
+        self._by_floor: dict[str, RobotPosition] = {}
+
+    def record(self, header: FrameHeader) -> None:
+        """Records where an observation of a robot was made. Frames of cameras are ignored, and floors beyond the limit, too."""
+        has_room = header.floor in self._by_floor or len(self._by_floor) < _MAX_FLOORS
+        if header.source.startswith("robot/") and has_room:
+            x_m, y_m, z_m = header.T_world_camera.translation_m
+            self._by_floor[header.floor] = RobotPosition(x_m, y_m, z_m - header.mounting_offset_m)
+
+    def latest_on(self, floor: str) -> RobotPosition | None:
+        """The latest position of a robot on a floor."""
+        return self._by_floor.get(floor)
+
+    def items(self) -> list[tuple[str, RobotPosition]]:
+        """The latest positions with their floors."""
+        return list(self._by_floor.items())
