@@ -83,8 +83,9 @@ The commands under "The running system" ask its gateway at `http://127.0.0.1:808
 _JSON = """## For programs
 
 With `--json` a command prints one JSON object on standard output; `watch` prints one for each line. A list is
-`{"items": [...], "total": n}`. Items and single things are [resources of REST](rest.md), with all their fields. If the command fails, the object
-is `{"error": {"type", "message"}}`. It also has the `name` of the problem, if the gateway or the mission gave one.
+`{"items": [...], "total": n}`. Items and single things are [resources of REST](rest.md), with all their fields. If the command
+fails, the object is `{"error": {"type", "message"}}`. It also has the `name` of the problem, if the gateway or the mission gave
+one.
 
 Results go to standard output, progress and errors to standard error. If the output is a pipe or a file, a table has one line
 for each thing, however long.
