@@ -45,8 +45,10 @@ def clearance_m(blocked: NDArray[np.bool_], resolution_m: float) -> NDArray[np.f
         resolution_m: side of a cell.
     """
     free = np.ascontiguousarray(~np.asarray(blocked, dtype=np.bool_)).view(np.uint8)
-    distance_px: NDArray[np.float32] = cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    return distance_px * np.float32(resolution_m)
+    distance_px = cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    # OpenCV's last bit depends on where the array lies in memory. Squared distances between cells are integers.
+    exact_px: NDArray[np.float32] = np.sqrt(np.rint(distance_px * distance_px))
+    return exact_px * np.float32(resolution_m)
 
 
 def fits(clearance: NDArray[np.float32], radius_m: float = RADIUS_M, spare_m: float = 0.0) -> NDArray[np.bool_]:

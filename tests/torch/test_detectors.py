@@ -32,7 +32,7 @@ WORDS = ("couch", "fire extinguisher", "pottedplant")
 
 
 @pytest.fixture(params=KINDS)
-def load_detector(request: pytest.FixtureRequest, folder_of: Callable[..., Path]) -> Any:
+def detector(request: pytest.FixtureRequest, folder_of: Callable[..., Path]) -> Any:
     kind, name, more = KINDS[request.param]
     return kind(folder_of(name, **more), request.param, threshold=0.0)
 

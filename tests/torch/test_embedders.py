@@ -22,7 +22,7 @@ XYXY = np.array([[10, 10, 60, 50], [0, 0, 160, 120], [100, 5, 104, 115]], np.flo
 
 
 @pytest.fixture(params=["clip", "siglip"])
-def load_embedder(request: pytest.FixtureRequest, folder_of: Callable[..., Path]) -> Clip:
+def embedder(request: pytest.FixtureRequest, folder_of: Callable[..., Path]) -> Clip:
     return Clip(folder_of(request.param), request.param)
 
 

@@ -29,7 +29,7 @@ KINDS: dict[str, tuple[Any, str]] = {"sam2": (Sam2, "sam2"), "mobile-sam": (Mobi
 
 
 @pytest.fixture(params=KINDS)
-def load_segmenter(request: pytest.FixtureRequest, folder_of: Callable[..., Path]) -> Any:
+def segmenter(request: pytest.FixtureRequest, folder_of: Callable[..., Path]) -> Any:
     kind, name = KINDS[request.param]
     return kind(folder_of(name), request.param)
 
