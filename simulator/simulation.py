@@ -53,14 +53,28 @@ class SimulationSettings(BaseSettings):
         description="a name of `surveilnav buildings`, or the path of a .sh3d file, a Home.xml, a .glb, an .obj or a folder of "
         "HM3D",
     )
-    seed: int = Field(0, ge=0, description="draws furniture models, floor textures, starts and sensor noise")
-    models: Literal["all", "train", "val"] = Field("all", description="furnish with one half of the models alone")
-    area_per_camera_m2: float = Field(100.0, gt=0, description="one camera for so much floor")
-    cameras: int | None = Field(None, ge=0, le=10_000, description="this many cameras in all instead")
-    cameras_everywhere: bool = Field(False, description="cameras also on floors that robots can't get to")
-    depth_noise: bool = Field(True, description="noise on depth; without it bandwidth figures lie")
+    seed: int = Field(0, ge=0, description="chooses furniture models, floor textures, starts and sensor noise")
+    models: Literal["all", "train", "val"] = Field(
+        "all", description="furnish with all models, or only with one half of them, as the benchmark's train and val do"
+    )
+    area_per_camera_m2: float = Field(
+        100.0, gt=0, description="one camera is placed for this many square metres of floor"
+    )
+    cameras: int | None = Field(
+        None,
+        ge=0,
+        le=10_000,
+        description="place this many cameras in the building; not set: one for each area_per_camera_m2",
+    )
+    cameras_everywhere: bool = Field(False, description="place cameras also on floors that robots can't reach")
+    depth_noise: bool = Field(
+        True,
+        description="add noise to depth; depth without noise compresses too well, so bandwidth comes out too low",
+    )
     lighting: str = Field(
-        "baked", pattern="baked|flat|shadowed", description="light from a cache, none, or shadow rays for every view"
+        "baked",
+        pattern="baked|flat|shadowed",
+        description="baked: light computed once and cached; flat: no light; shadowed: shadow rays for every view",
     )
 
 
