@@ -80,10 +80,6 @@ class Archive:
         """Closes the file."""
         self._zip.close()
 
-    def names(self) -> list[str]:
-        """All members, as spelt in the file."""
-        return [info.filename for info in self._zip.infolist()]
-
     def fingerprint(self, name: str) -> str:
         """Something that changes with the member's content; "" where there is no such member."""
         info = self._names.get(name.lower().lstrip("/"))

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surveilnav.errors import BuildingError
-from surveilnav.simulator.plans.polygons import ear_clip
+from surveilnav.simulator.world.polygons import ear_clip
 
 MAX_VERTICES = 2_000_000
 MAX_TRIANGLES = 2_000_000

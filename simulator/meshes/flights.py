@@ -13,7 +13,7 @@ from surveilnav.robot_body import CLIMB_M, HEIGHT_M, clearance_m, fits
 from surveilnav.simulator.meshes.floors import FloorGround
 from surveilnav.simulator.meshes.walkable import Spots
 from surveilnav.simulator.world.geodesic import mark_triangles
-from surveilnav.simulator.world.scene import Scene, Stair
+from surveilnav.simulator.world.scene import Scene, Stair, point3
 
 #: The way over a stair runs at most so far over the floors at its ends [m].
 _REACH_M = 2.0
@@ -112,14 +112,8 @@ def _way(
     while before[way[-1]] >= 0:
         way.append(int(before[way[-1]]))
     points = np.array([spots.p_world(int(spot_of[i])) for i in reversed(way)])
-    first, last = points[0], points[-1]
-    return Stair(
-        lower.floor.id,
-        upper.floor.id,
-        (float(first[0]), float(first[1]), lower.floor.z_m),
-        (float(last[0]), float(last[1]), upper.floor.z_m),
-        _smoothed_length(points),
-    )
+    foot, head = point3([*points[0, :2], lower.floor.z_m]), point3([*points[-1, :2], upper.floor.z_m])
+    return Stair(lower.floor.id, upper.floor.id, foot, head, _smoothed_length(points))
 
 
 def _smoothed_length(points: NDArray[np.float64]) -> float:

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from surveilnav.errors import BuildingError
 from surveilnav.simulator.meshes import draco
 from surveilnav.simulator.meshes.materials import materials_of, painted, uv_map_of
-from surveilnav.simulator.plans.assembly import Mesh, MeshBuilder
+from surveilnav.simulator.world.assembly import Mesh, MeshBuilder
 from surveilnav.simulator.world.scene import Material
 
 MAX_BYTES = 2 << 30

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surveilnav.simulator.archive import decode_picture
-from surveilnav.simulator.plans.assembly import Mesh
+from surveilnav.simulator.world.assembly import Mesh
 from surveilnav.simulator.world.scene import Material
 
 _MANY_PICTURES = 16

@@ -6,7 +6,7 @@ import re
 
 from surveilnav.nouns import whole_of
 from surveilnav.perception.vocabulary import COCO
-from surveilnav.simulator.furniture.labels import label_of, plain_name
+from surveilnav.simulator.world.labels import label_of, plain_name
 from surveilnav.words import canonical
 
 #: Structure by the name alone ("Wall.003", "Floor of Kitchen"); "floor lamp" is none.

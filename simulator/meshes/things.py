@@ -19,9 +19,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from surveilnav.simulator.furniture.labels import plain_name
 from surveilnav.simulator.meshes.names import label_of_node, whole_of_node
-from surveilnav.simulator.plans.assembly import Mesh
+from surveilnav.simulator.world.assembly import Mesh
+from surveilnav.simulator.world.labels import plain_name
+from surveilnav.simulator.world.scene import point3
 
 #: Large enough for every rule about sizes, where a size isn't known yet.
 ANY_SIZE_M = (1.0, 1.0, 1.0)
@@ -164,7 +165,7 @@ def _whole(parts: Sequence[MeshPart], kind: str) -> MeshPart | None:
     """One piece of all parts, by the words that all names begin with; None where its size isn't the class's."""
     meshes = tuple(mesh for part in parts for mesh in part.meshes)
     low, high = box_of(meshes)
-    size = (float(high[0] - low[0]), float(high[1] - low[1]), float(high[2] - low[2]))
+    size = point3(high - low)
     words = zip(*(re.split(r"(?<=[_.\-\s])", part.name) for part in parts), strict=False)
     common = "".join(word[0] for word in takewhile(lambda same: len(set(same)) == 1, words)).rstrip("_.- ")
     name = next((n for n in (common, *(part.name for part in parts)) if label_of_node(n, size) == kind), None)

@@ -17,7 +17,7 @@ from scipy import ndimage
 
 from surveilnav.errors import BuildingError
 from surveilnav.geometry import Grid
-from surveilnav.simulator.plans.polygons import Polygon, contains, signed_area
+from surveilnav.simulator.world.polygons import Polygon, contains, signed_area
 
 #: Sides of cells that are tried [m]; a storey of more than ``MAX_CELLS`` of the largest isn't filled: 400 x 400 m.
 _CELLS_M = (0.05, 0.1, 0.2)

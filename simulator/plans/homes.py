@@ -12,18 +12,18 @@ from surveilnav.errors import BuildingError
 from surveilnav.nouns import language_of
 from surveilnav.simulator.archive import Archive
 from surveilnav.simulator.furniture.catalog import CREDITS, CatalogModel, Furniture
-from surveilnav.simulator.furniture.labels import TARGETS, label_of, stand_in_of, told_by
 from surveilnav.simulator.furniture.models import Model, load_model
 from surveilnav.simulator.furniture.objfile import EmptyModelError
 from surveilnav.simulator.furniture.parametric import parametric_piece
-from surveilnav.simulator.furniture.placing import Kind, Models, choose, fitted, kind_of, placed, split_kind_of
 from surveilnav.simulator.plans.leaves import without_leaf
 from surveilnav.simulator.plans.openings import beside, is_door, is_moving_part, is_pane, is_stairs, stands_open
 from surveilnav.simulator.plans.outliers import without_outliers
-from surveilnav.simulator.plans.polygons import contains
+from surveilnav.simulator.plans.placing import Kind, Models, choose, fitted, kind_of, placed, split_kind_of
 from surveilnav.simulator.plans.shell import Shell
 from surveilnav.simulator.plans.stairs import IsFloor, find_transit
 from surveilnav.simulator.plans.sweethome import Color, Home, Level, Piece
+from surveilnav.simulator.world.labels import TARGETS, label_of, stand_in_of, told_by
+from surveilnav.simulator.world.polygons import contains
 from surveilnav.simulator.world.scene import Floor, Material, Scene
 
 _GLASS = Material("glass", (0.8, 0.9, 0.95), alpha=0.15, shininess=0.8)

@@ -11,10 +11,10 @@ import math
 import numpy as np
 
 from surveilnav.simulator.furniture.parametric import SIZES_M, parametric_piece, stair_flight
-from surveilnav.simulator.plans.assembly import SceneBuilder
 from surveilnav.simulator.plans.plan import Opening, Point, Wall, build_wall, wall_outline
 from surveilnav.simulator.plans.slabs import build_skirt, build_slab
 from surveilnav.simulator.render.textures import TILE_M, floor_kind, floor_material, wall_material
+from surveilnav.simulator.world.assembly import SceneBuilder
 from surveilnav.simulator.world.scene import Floor, Material, Room, Scene, Stair
 
 ROOM_HEIGHT_M = 2.5

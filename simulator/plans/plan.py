@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from surveilnav.simulator.plans.assembly import Mesh, MeshBuilder
-from surveilnav.simulator.plans.polygons import Polygon, intersect_convex, signed_area
+from surveilnav.simulator.world.assembly import Mesh, MeshBuilder
+from surveilnav.simulator.world.polygons import Polygon, intersect_convex, signed_area
 from surveilnav.simulator.world.scene import Material
 
 #: An opening cuts a wall when they are parallel to within this angle; else it only touches the wall's end.

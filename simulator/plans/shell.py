@@ -11,17 +11,17 @@ from numpy.typing import NDArray
 
 from surveilnav.errors import BuildingError
 from surveilnav.simulator.archive import Archive, decode_picture
-from surveilnav.simulator.furniture.placing import seeded
-from surveilnav.simulator.plans.assembly import Mesh, SceneBuilder
 from surveilnav.simulator.plans.ground import find_ground, without_voids
 from surveilnav.simulator.plans.openings import is_door, is_stairs, opening_of, stair_cut_outline
+from surveilnav.simulator.plans.placing import seeded
 from surveilnav.simulator.plans.plan import Wall, build_wall, wall_outline
-from surveilnav.simulator.plans.polygons import Polygon, contains, signed_area
 from surveilnav.simulator.plans.slabs import build_skirt, build_slab, build_slabs
 from surveilnav.simulator.plans.storeys import at_one_altitude, is_low_or_roof, is_upper, number_storeys, why_no_storey
 from surveilnav.simulator.plans.straight_walls import WallPart, joined, near, parts_of
 from surveilnav.simulator.plans.sweethome import Color, Home, Level, Picture, Piece, PlanRoom
 from surveilnav.simulator.render.textures import TILE_M, floor_kind, floor_material, wall_material
+from surveilnav.simulator.world.assembly import Mesh, SceneBuilder
+from surveilnav.simulator.world.polygons import Polygon, contains, signed_area
 from surveilnav.simulator.world.scene import Floor, Material, Room
 
 _EDGE = Material("edge", (0.85, 0.84, 0.82))

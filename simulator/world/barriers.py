@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from surveilnav.robot_body import CLIMB_M, HEIGHT_M, RADIUS_M, clearance_m
-from surveilnav.simulator.furniture.labels import PARTS
 from surveilnav.simulator.world.free_ground import FloorNavigation
 from surveilnav.simulator.world.geodesic import mark_triangles
+from surveilnav.simulator.world.labels import PARTS
 from surveilnav.simulator.world.scene import Instance, Scene
 
 #: So far from a door one looks for the ground on its two sides [m]: half of a thick wall, a robot's radius, some cells.

@@ -20,9 +20,9 @@ from scipy.spatial import cKDTree
 
 from surveilnav.errors import TargetError
 from surveilnav.nouns import thing_asked_for
-from surveilnav.simulator.furniture.labels import PARTS
 from surveilnav.simulator.world.distance_field import DistanceField
 from surveilnav.simulator.world.free_ground import FloorNavigation
+from surveilnav.simulator.world.labels import PARTS
 from surveilnav.simulator.world.navigation import NavigationMap
 from surveilnav.simulator.world.raycast import RayCaster
 from surveilnav.simulator.world.scene import Instance, Scene

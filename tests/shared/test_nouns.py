@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from surveilnav.nouns import PART, language_of, thing_asked_for, thing_of, things, whole_of, words_of
 from surveilnav.perception.vocabulary import COCO
-from surveilnav.simulator.furniture.labels import KINDS, label_of
+from surveilnav.simulator.world.labels import KINDS, label_of
 
 SIZE = (1.2, 0.8, 0.75)
 TABLE = json.loads(resources.files("surveilnav").joinpath("data/words.json").read_text("utf-8"))

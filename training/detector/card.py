@@ -11,7 +11,7 @@ from collections.abc import Iterator
 
 from surveilnav.perception import models
 from surveilnav.perception.models.card import Card, Measured
-from surveilnav.simulator.furniture.labels import TARGETS
+from surveilnav.simulator.world.labels import TARGETS
 from training.detector import classes
 
 _KINDS = {"robot": "robot views", "camera": "camera views"}

@@ -106,11 +106,6 @@ def write_weights(path: Path, kept: dict[str, Any]) -> None:
         torch.save({"step": steps_of(kept), "shape": kept["shape"], "mean": halved}, file)
 
 
-def load_network(checkpoint: Path) -> Compact:
-    """The mean network of a checkpoint."""
-    return _network_of(torch.load(checkpoint, map_location="cpu", weights_only=True))
-
-
 def _network_of(kept: dict[str, Any]) -> Compact:
     names = classes.load()
     network = Compact(len(names.names), len(names.rooms), Shape(**kept["shape"]))

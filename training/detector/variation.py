@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from surveilnav.simulator.furniture.labels import PARTS
-from surveilnav.simulator.plans.assembly import Mesh, SceneBuilder
+from surveilnav.simulator.world.assembly import Mesh, SceneBuilder
+from surveilnav.simulator.world.labels import PARTS
 from surveilnav.simulator.world.scene import Instance, Material, Scene
 from training.detector.furniture import DRAWN, drawn_piece
 from training.detector.materials import colour, painted, patterned

@@ -13,11 +13,11 @@ from scipy import ndimage
 
 from surveilnav import robot_body
 from surveilnav.config import cache_dir
-from surveilnav.simulator.furniture.labels import word_for
 from surveilnav.simulator.render.depth_noise import DepthNoise
 from surveilnav.simulator.render.picture import Lighting, Rendered
 from surveilnav.simulator.render.renderer import Renderer
 from surveilnav.simulator.simulation import CAMERA_DEPTH_RANGE_M
+from surveilnav.simulator.world.labels import word_for
 from surveilnav.simulator.world.navigation import NavigationMap
 from surveilnav.simulator.world.scene import Instance, Room, Scene
 from training.detector.classes import Classes

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from surveilnav.simulator.plans.assembly import Mesh
 from surveilnav.simulator.plans.plan import Opening, Wall, build_wall, wall_outline
 from surveilnav.simulator.plans.slabs import build_slab
+from surveilnav.simulator.world.assembly import Mesh
 from surveilnav.simulator.world.scene import Material
 
 PAINT = Material("paint", (1, 1, 1))

@@ -3,8 +3,8 @@ from __future__ import annotations
 import pytest
 
 from surveilnav.perception.vocabulary import COCO
-from surveilnav.simulator.furniture.labels import furniture_of, label_of, stand_in_of, told_by, word_for
-from surveilnav.simulator.furniture.parametric import PIECES
+from surveilnav.simulator.furniture.parametric import SIZES_M
+from surveilnav.simulator.world.labels import furniture_of, label_of, stand_in_of, told_by, word_for
 
 SIZE = (1.2, 0.8, 0.75)
 
@@ -125,5 +125,5 @@ def test_stand_ins_are_parametric_pieces() -> None:
         ("Thing", ""),
         ("", "tv"),
     ):
-        assert stand_in_of(name, label) in PIECES
+        assert stand_in_of(name, label) in SIZES_M
     assert stand_in_of("Fitted bath", "") == "bathtub"

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from surveilnav.simulator.furniture.catalog import CatalogModel, Furniture, stretch
 from surveilnav.simulator.furniture.models import Model
-from surveilnav.simulator.plans.assembly import Mesh
 from surveilnav.simulator.plans.sweethome import Piece
+from surveilnav.simulator.world.assembly import Mesh
 from surveilnav.simulator.world.scene import Material
 
 #: Candidates that must be distorted this much more than the best one are not considered (factor e**0.2).

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from surveilnav.simulator.furniture.labels import TARGETS
-from surveilnav.simulator.furniture.placing import Models, kinds, split_kind_of
+from surveilnav.simulator.plans.placing import Models, kinds, split_kind_of
 from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings
 from surveilnav.simulator.sources import EXAMPLE_HOMES, open_building
+from surveilnav.simulator.world.labels import TARGETS
 
 
 def of_half(half: Models) -> set[str]:
