@@ -53,15 +53,12 @@ class Ground:
     is_area: bool
 
 
-def find_ground(
-    walls: Sequence[Polygon], rooms: Sequence[Polygon], voids: Sequence[Polygon] = ()
-) -> tuple[Ground, ...]:
+def find_ground(walls: Sequence[Polygon], rooms: Sequence[Polygon]) -> tuple[Ground, ...]:
     """The ground of one storey, the largest part first.
 
     Args:
         walls: outlines of its walls, openings not cut out.
         rooms: outlines of whatever has a floor already.
-        voids: outlines of what must stay open.
 
     Raises:
         BuildingError: the storey is too large to fill.
@@ -69,7 +66,7 @@ def find_ground(
     if not walls:
         return ()
     grid = _grid_around([*walls, *rooms])
-    covered = inside([*rooms, *walls, *voids], grid)
+    covered = inside([*rooms, *walls], grid)
     bare = _enclosed([*walls, *rooms], grid) & ~covered
     label, count = ndimage.label(bare, np.ones((3, 3)))
     size_m2 = np.bincount(label.ravel(), minlength=count + 1)[1:] * grid.resolution_m**2

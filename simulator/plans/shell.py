@@ -242,7 +242,7 @@ class Shell:
             self._add(mesh, title, "wall", level)
             if thresholds:
                 floors = [room.outline for room in self._rooms_at(level.z_m) if room.has_floor]
-            for _, quad in thresholds:  # whatever of it no room covers
+            for quad in thresholds:  # whatever of it no room covers
                 self._add(build_slab(quad, level.z_m, _SILL, floors, up=True), f"Threshold of {title}", "floor", level)
 
     def _straight_walls(self) -> tuple[list[Wall], list[tuple[str, str]]]:

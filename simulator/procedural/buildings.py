@@ -20,6 +20,7 @@ from surveilnav.simulator.procedural.layout import (
     flats_body,
     office_body,
 )
+from surveilnav.simulator.procedural.pieces import PIECES
 from surveilnav.simulator.procedural.rooms import flats_floor, office_floor
 from surveilnav.simulator.procedural.space import FRONTS, Placed, RoomSpace
 from surveilnav.simulator.procedural.statistics import Wanted, draw
@@ -37,41 +38,6 @@ _MAX_AREA_M2 = 1600.0
 _FLOOR_M = _ROOM_HEIGHT_M + _SLAB_M
 _RAIL_M = 0.9
 
-#: The catalogue entry of each kind: what ``furniture.kind_of`` swaps for a model of that kind.
-_CATALOG = {
-    "double bed": "eTeks#bed",
-    "single bed": "eTeks#bed90x190",
-    "bunk bed": "eTeks#bunkBed90x190",
-    "sofa": "eTeks#sofa",
-    "armchair": "eTeks#armchair",
-    "chair": "eTeks#chair",
-    "stool": "eTeks#stool",
-    "toilet": "eTeks#toiletUnit",
-    "tv": "eTeks#flatTV",
-    "tv on a stand": "eTeks#tvUnit",
-    "plant": "eTeks#plant",
-    "table": "eTeks#squareTable",
-    "low table": "eTeks#squareTable",
-    "bedside table": "eTeks#bedsideTable",
-    "refrigerator": "eTeks#fridgeFreezer",
-    "oven": "eTeks#cooker",
-    "kitchen sink": "eTeks#sink",
-    "dishwasher": "eTeks#dishwasher",
-    "kitchen cabinet": "eTeks#kitchenCabinet",
-    "upper cabinet": "eTeks#kitchenUpperCabinet",
-    "washbasin": "eTeks#washbasin",
-    "vanity": "eTeks#washbasinWithCabinet",
-    "bath": "eTeks#fittedBath",
-    "shower": "eTeks#shower",
-    "washing machine": "eTeks#clothesWasher",
-    "bookcase": "eTeks#bookcase",
-    "wardrobe": "eTeks#wardrobe",
-    "chest": "eTeks#chest",
-    "piano": "eTeks#piano",
-    "floor lamp": "eTeks#floorUplight",
-    "desk": "Blend Swap CC-BY#officeTable",
-    "office chair": "Scopia#office_chair",
-}
 #: Catalogue entry, depth, foot and height of what goes into a wall.
 _HOLES = {
     "door": ("eTeks#door", "Door", 0.145, 0.0, 2.085),
@@ -185,7 +151,9 @@ def _hole_piece(hole: Hole, level: str) -> Piece:
 
 
 def _piece(p: Placed, level: str) -> Piece:
-    return Piece(p.kind.capitalize(), level, _CATALOG[p.kind], "", p.x, p.y, p.z_m, p.size_m, p.quarter * math.pi / 2)
+    return Piece(
+        p.kind.capitalize(), level, PIECES[p.kind].catalog, "", p.x, p.y, p.z_m, p.size_m, p.quarter * math.pi / 2
+    )
 
 
 #: Flights lie side by side in the stair hall, those from even floors in the first lane: (from, to) along the corridor.

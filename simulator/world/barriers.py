@@ -12,7 +12,7 @@ from scipy import ndimage
 
 from surveilnav.robot_body import CLIMB_M, HEIGHT_M, RADIUS_M, clearance_m
 from surveilnav.simulator.world.free_ground import FloorNavigation
-from surveilnav.simulator.world.geodesic import mark_triangles
+from surveilnav.simulator.world.geodesic import occupied_cells
 from surveilnav.simulator.world.labels import PARTS
 from surveilnav.simulator.world.scene import Instance, Scene
 
@@ -89,18 +89,9 @@ class _Layers:
         scene, f = self.scene, self.f
         kinds = {i.id: i.label if i.label in PARTS or not self.knows_walls else "furniture" for i in scene.instances}
         out = [id_ for id_, kind in kinds.items() if kind in without]
-        obstacle = np.zeros(f.grid.shape, np.bool_)
-        mark_triangles(
-            obstacle,
-            scene.vertices,
-            scene.triangles[~np.isin(scene.instance_of_triangle, out)],
-            f.grid.origin_x_m,
-            f.grid.origin_y_m,
-            f.grid.resolution_m,
-            f.z_m + (_SILL_M if "sill" in without else CLIMB_M),
-            f.z_m + HEIGHT_M,
-        )
-        return obstacle
+        triangles = scene.triangles[~np.isin(scene.instance_of_triangle, out)]
+        low_m = f.z_m + (_SILL_M if "sill" in without else CLIMB_M)
+        return occupied_cells(f.grid, scene.vertices, triangles, low_m, f.z_m + HEIGHT_M)
 
 
 def _at_door(layers: _Layers, door: Instance, window: Window, area: Cells, beyond: Cells) -> str:

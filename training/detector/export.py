@@ -42,15 +42,15 @@ class _OnePicture(nn.Module):
         self.network = network
 
     def forward(self, picture: Tensor, depth: Tensor) -> tuple[Tensor, ...]:
-        said = self.network(picture.permute(0, 3, 1, 2).float() / 255.0, depth.permute(0, 3, 1, 2))
+        predicted = self.network(picture.permute(0, 3, 1, 2).float() / 255.0, depth.permute(0, 3, 1, 2))
         return (
-            said.logits[0].sigmoid(),
-            said.ltrb[0],
-            said.coefficients[0],
-            said.embeddings[0],
-            said.prototypes[0],
-            said.image[0],
-            said.near[0].sigmoid(),
+            predicted.logits[0].sigmoid(),
+            predicted.ltrb[0],
+            predicted.coefficients[0],
+            predicted.embeddings[0],
+            predicted.prototypes[0],
+            predicted.image[0],
+            predicted.near[0].sigmoid(),
         )
 
 

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from scipy.sparse.csgraph import dijkstra
 
 from surveilnav.errors import BuildingError
-from surveilnav.simulator.world.geodesic import first_blocked, mark_triangles, spread
+from surveilnav.geometry import Grid
+from surveilnav.simulator.world.geodesic import first_blocked, occupied_cells, spread
 from surveilnav.simulator.world.navigation import NavigationMap
 from surveilnav.simulator.world.scene import Floor, Stair
 
@@ -102,8 +103,8 @@ def test_distances_against_the_exact_visibility_graph(seed: int) -> None:
 @given(st.lists(st.tuples(*[st.floats(0.2, 9.8)] * 2, st.floats(-1.0, 2.0)), min_size=3, max_size=3))
 def test_marked_cells_are_those_a_triangle_touches_in_the_slab(corners) -> None:
     vertices = np.array(corners, dtype=np.float32)
-    marked = np.zeros((10, 10), dtype=np.bool_)
-    mark_triangles(marked, vertices, np.array([[0, 1, 2]], dtype=np.int32), 0.0, 0.0, 1.0, 0.0, 1.0)
+    grid = Grid(0.0, 0.0, 1.0, rows=10, cols=10)
+    marked = occupied_cells(grid, vertices, np.array([[0, 1, 2]], dtype=np.int32), 0.0, 1.0)
     u, v = np.meshgrid(np.linspace(0, 1, 120), np.linspace(0, 1, 120))
     inside = u + v <= 1
     a, b, c = vertices.astype(np.float64)
