@@ -9,7 +9,6 @@ import warnings
 import zipfile
 import zlib
 from pathlib import Path, PurePosixPath
-from types import TracebackType
 
 import cv2
 import numpy as np
@@ -29,7 +28,7 @@ MAX_TEXTURE_PX = 512
 
 
 class Archive:
-    """A zip file that can be trusted: no more than the limits, no member outside of it.
+    """A zip file from a stranger, checked when it is opened: it keeps to the limits, and no member's path leads out of it.
 
     Raises:
         BuildingError: not a zip, damaged, a bomb, or with names that climb out of it.
@@ -74,9 +73,7 @@ class Archive:
     def __enter__(self) -> Archive:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def close(self) -> None:

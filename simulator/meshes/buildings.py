@@ -1,4 +1,4 @@
-"""Meshes become buildings: floors, stairs, named things, one scene."""
+"""Turns a mesh into a building: finds its floors and stairs, and gives each named thing an instance."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def scene_name(stem: str) -> str:
 
 
 def _pieces(glb: Glb, T_world_file: NDArray[np.float64]) -> list[MeshPart]:
-    """One piece per mesh node; a part without a class of its own joins the nearest node above that has one."""
+    """One piece for each node with a mesh. A node without a class of its own joins the nearest ancestor that has one."""
     stated = {n: _stated_label(glb.extras[n]) for mesh in glb.meshes for n in mesh.way}
     classed = {n for n in stated if stated[n] or (stated[n] is None and label_of_node(glb.names[n], ANY_SIZE_M))}
     grouped: dict[int, list[Mesh]] = {}
@@ -124,7 +124,7 @@ def _check_size(pieces: Sequence[MeshPart], name: str) -> None:
 
 
 def _about(floors: Sequence[Floor], stairs: Sequence[Stair]) -> list[str]:
-    """What people should know of floors that can't be reached."""
+    """Notes for people on floors that no stair leads to."""
     joined = {f for s in stairs for f in (s.lower_floor, s.upper_floor)}
     lonely = [f"{f.id} ({f.z_m:.2f} m)" for f in floors if f.id not in joined]
     return [f"no stairs found to floor {', '.join(lonely)}"] if len(floors) > 1 and lonely else []

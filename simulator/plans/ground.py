@@ -1,4 +1,4 @@
-"""Ground that a plan means and doesn't draw: what its walls enclose and no room covers.
+"""Finds ground that a plan implies without drawing it: whatever its walls enclose and no room covers.
 
 Many people draw walls and no rooms, or rooms for some of the floor only. All of it happens on cells of 5 cm on multiples
 of 5 cm, the cells in which robots' ground is measured too; on larger ones where a storey spans more than 100 m.
@@ -80,10 +80,10 @@ def find_ground(walls: Sequence[Polygon], rooms: Sequence[Polygon]) -> tuple[Gro
 def without_voids(
     parts: Sequence[Ground], rooms: Sequence[Polygon], holes: Sequence[Polygon], below: Sequence[Polygon]
 ) -> tuple[Ground, ...]:
-    """Without the areas of an upper storey that are open to the one below.
+    """Leaves out the areas of an upper storey that are open to the storey below.
 
-    Where rooms are drawn for most of it, what is left out over a room is left out on purpose, but for the landing of a
-    staircase.
+    If rooms are drawn for most of a storey, an area above a room was left undrawn on purpose: it is a void. The landing of a
+    staircase is the exception.
 
     Args:
         parts: what no room covers.

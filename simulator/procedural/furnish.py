@@ -18,7 +18,7 @@ _GAP_M = 0.03
 
 
 def furnish(space: RoomSpace, type_: str, wanted: list[Wanted], rng: np.random.Generator) -> None:
-    """Places what fits of ``wanted``; ``space.pieces`` has it then."""
+    """Places as many of the ``wanted`` pieces as fit; adds them to ``space.pieces``."""
     todo = sorted(wanted, key=lambda w: _ORDER.index(w.kind))
     if any(w.kind in _KITCHEN for w in todo) and type_ in ("kitchen", "kitchenette"):
         todo = _kitchen_run(space, todo, rng)

@@ -109,7 +109,7 @@ _BEDS = ("double bed", "single bed", "bunk bed")
 
 
 def _sensible(type_: str, wanted: list[Wanted], rng: np.random.Generator) -> list[Wanted]:
-    """Shares are drawn one by one: put right what that makes absurd (two sorts of bed, no bed, two baths in a row)."""
+    """Corrects absurd combinations, which come about because each kind is drawn by itself: two sorts of bed, or none."""
     if type_ == "bedroom":
         table = room_statistics()["bedroom"].pieces
         weights = np.array([table[b].share for b in _BEDS])

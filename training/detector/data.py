@@ -40,7 +40,7 @@ _CLUTTER, _BLUR, _NOISE, _JPEG = 0.3, 0.15, 0.3, 0.3
 _NO_DEPTH = 0.05
 _AHEAD = 3
 #: A class that more of the views show isn't drawn more often.
-_COMMON, _MOST_REPEATS = 0.5, 5.0
+_COMMON, _MAX_REPEATS = 0.5, 5.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -106,7 +106,7 @@ def repeat_factors(labels: Sequence[Sequence[int]]) -> dict[int, float]:
     """By class, how often a view that shows it is drawn for one that shows none rarer: sqrt(t / share of views with it), 1
     where the share is above ``_COMMON``. ``labels``: of each view's objects."""
     often = Counter(label for shown in labels for label in set(shown))
-    return {label: min(_MOST_REPEATS, max(1.0, math.sqrt(_COMMON * len(labels) / n))) for label, n in often.items()}
+    return {label: min(_MAX_REPEATS, max(1.0, math.sqrt(_COMMON * len(labels) / n))) for label, n in often.items()}
 
 
 def _pool(views: Views, workers: int) -> Executor:

@@ -13,7 +13,7 @@ from training.detector.network import Predictions, boxes_of
 #: Weights of the parts.
 WEIGHTS = {"score": 1.0, "box": 2.5, "mask": 1.0, "near": 0.5, "room": 0.25}
 #: Masks cost memory: so many objects of a batch are looked at.
-_MOST_MASKS = 96
+_MAX_MASKS = 96
 _MASK_STRIDE = 4
 
 
@@ -81,8 +81,8 @@ def mask_loss(predicted: Predictions, assigned: Assigned, batch: Batch) -> Tenso
     picture, thing = torch.nonzero(batch.targets.real, as_tuple=True)
     if not len(picture):
         return predicted.prototypes.sum() * 0.0
-    if len(picture) > _MOST_MASKS:
-        some = torch.linspace(0, len(picture) - 1, _MOST_MASKS, device=picture.device).long()
+    if len(picture) > _MAX_MASKS:
+        some = torch.linspace(0, len(picture) - 1, _MAX_MASKS, device=picture.device).long()
         picture, thing = picture[some], thing[some]
     place = assigned.best[picture, thing]
     logits = torch.einsum("nk,nkhw->nhw", predicted.coefficients[picture, place], predicted.prototypes[picture])

@@ -65,7 +65,10 @@ class Plan:
         return self.rate * (self.last + (1 - self.last) * 0.5 * (1 + math.cos(math.pi * share)))
 
     def keeps_at(self, step: int) -> float:
-        """The share of itself that the mean of weights keeps: its memory is a fiftieth of the run, at first less."""
+        """The share of the mean of weights that stays at a step; the current weights are the rest.
+
+        The mean spans a fiftieth of the run, and less at its beginning.
+        """
         return min(1.0 - min(0.5, 50.0 / self.steps), (1.0 + step) / (10.0 + step))
 
 

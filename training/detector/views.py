@@ -26,7 +26,7 @@ from training.detector.poses import SENSOR_SIZES, TRAINING_SIZES, Kind, PoseSour
 #: What shows fewer pixels of the packed picture, or is thinner, is no object of a view.
 MIN_AREA_PX, MIN_SIDE_PX = 24, 4
 #: Numbers that an id picture of bytes holds beside 0.
-MOST_OBJECTS = 255
+MAX_OBJECTS = 255
 #: A view is looked at once at this share of its resolution, without colours, before it is worth a picture.
 _PROBE = 0.25
 _PROBE_PX = 6
@@ -146,7 +146,7 @@ def objects_in(
     """What of a picture's instances (H, W) shows enough: (ids as of ``TrainingView``, boxes, labels, areas), the largest
     first. ``number``: class by instance, -1: none."""
     found = [(area, id_, box) for id_, area, box in visible_boxes(ids, len(number) - 1) if number[id_] >= 0]
-    found = sorted(found, key=lambda f: (-f[0], f[1]))[:MOST_OBJECTS]
+    found = sorted(found, key=lambda f: (-f[0], f[1]))[:MAX_OBJECTS]
     table = np.zeros(len(number), np.uint8)
     table[[id_ for _, id_, _ in found]] = np.arange(1, len(found) + 1)
     boxes = np.array([box for _, _, box in found], np.float32).reshape(-1, 4)
