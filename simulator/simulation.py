@@ -1,4 +1,4 @@
-"""A simulated building as its nodes use it: one setting class, one place that knows which caches to ask.
+"""A simulated building as its nodes use it: its settings, and one object that makes each part on demand, from caches if it can.
 
 ``prepare`` is the one-shot step: it bakes the light, places the cameras and renders their views into the
 cache. After it a camera node needs only the ``CameraPlan`` and the cached views, not the building.
@@ -109,14 +109,14 @@ class SimulatedBuilding:
 
     @cached_property
     def reach(self) -> Reach:
-        """How much of it robots can reach, and what they can't."""
+        """How much of the building robots can reach, and what keeps them from the rest."""
         from surveilnav.simulator.world.reach import reach_of
 
         return reach_of(self.scene, self.navigation)
 
     @cached_property
     def notes(self) -> tuple[str, ...]:
-        """What people should know of the building before they search it: what robots can't reach first."""
+        """Notes that people should read before they search the building; the first says what robots can't reach."""
         return tuple(note for note in (self.reach.sentence, *self.scene.notes) if note)
 
     @cached_property
