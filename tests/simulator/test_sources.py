@@ -183,7 +183,7 @@ def test_many_copies_of_a_model_stop_at_the_limit(tmp_path: Path, monkeypatch: p
 def _limited(original):  # type: ignore[no-untyped-def]
     def init(self, *args, **more):  # type: ignore[no-untyped-def]
         original(self, *args, **more)
-        self._max_triangles = 10
+        self.max_triangles = 10
 
     return init
 
