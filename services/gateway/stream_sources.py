@@ -103,7 +103,7 @@ class StreamSource:
 
 
 class BuildingEvents(StreamSource):
-    """What happened in the building, for streams that miss nothing."""
+    """The newest ``capacity`` events of the building. A stream that can't go on after its last event gets a `reset`."""
 
     def __init__(self, capacity: int = 10_000) -> None:
         self._log = EventLog(uuid.uuid4().hex[:8], capacity)

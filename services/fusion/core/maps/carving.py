@@ -50,9 +50,9 @@ class FreeDepthImage:
     def from_view(cls, view: PosedView, config: MapConfig) -> FreeDepthImage:
         """Computes from a view's depth up to which depth the space in front of it is free.
 
-        The picture is divided into about 80 cells across. The free depth of a cell is 0 (unknown) unless, in it and in each of its
-        eight neighbours, more than half of the sampled pixels have a depth within the sensor's range and the range that ``config``
-        sets. So it is 0 in all cells at the picture's edge.
+        The picture is divided into about 80 cells across. The free depth of a cell is 0 (unknown) unless, in it and in each of
+        its eight neighbours, more than half of the sampled pixels have a depth within the sensor's range and the range that
+        ``config`` sets. So it is 0 in all cells at the picture's edge.
         """
         pinhole = view.camera
         near_m, far_m = view.depth_range_m
