@@ -1,8 +1,8 @@
-"""What fusion mustn't lose, in one SQLite file: an append-only log of views, snapshots of the maps, and all events of objects.
+"""An SQLite file with everything that fusion mustn't lose: a log of views, snapshots of the maps, and the events of objects.
 
-A view is committed here before it is integrated, long before a revision names it. A snapshot replaces the log up to it. The two
-newest snapshots are kept, and the log since the older of them, so a snapshot that can't be read costs time but no view. If
-the process is killed, nothing is lost. With synchronous=NORMAL, the operating system decides when a committed view reaches the
+A view is committed here before it is integrated. A snapshot makes the log before it superfluous. The two newest snapshots are
+kept, and the log since the older one, so if the newest can't be read, the maps can still be restored, which only takes longer.
+If the process is killed, nothing is lost. With synchronous=NORMAL, the operating system decides when a committed view reaches the
 disk, so a power cut may lose the newest ones.
 """
 
@@ -24,7 +24,7 @@ import msgspec
 from surveilnav.messages.maps import ObjectEvent
 
 _FORMAT = 1
-_PIECE_BYTES = 4 << 20  # a snapshot is written in pieces, so that a view never waits for all of it
+_PIECE_BYTES = 4 << 20  # a snapshot is written in pieces, so that views can be committed in between
 _SCHEMA = """
 CREATE TABLE IF NOT EXISTS view (
     number INTEGER PRIMARY KEY AUTOINCREMENT, source TEXT, view INTEGER, header BLOB, payload BLOB, reply BLOB,
@@ -52,7 +52,7 @@ class StoreError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """A view as it arrived, with perception's reply. ``fault``: why it couldn't be used; then the rest is meaningless."""
+    """A view as it arrived, with perception's reply. ``fault``: why the picture couldn't be used; then it must not be decoded."""
 
     source: str
     view: int
