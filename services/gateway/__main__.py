@@ -43,7 +43,7 @@ def listen(host: str, port: int) -> socket.socket:
 
 
 def web_server(gateway: Gateway, names: frozenset[str] | None, root_path: str = "") -> uvicorn.Server:
-    """A web server for ``gateway``. It answers requests to the hosts ``names`` (None: to any), and ends its streams when it stops.
+    """A web server for ``gateway``. It answers to the hosts ``names`` (None: to any), and ends its streams when it stops.
 
     uvicorn ignores ``X-Forwarded-*``; only the access log uses them, from proxies that the settings name.
     """

@@ -113,7 +113,7 @@ class ChangeDetector:
         return {state.name: state for row in rows for state in row.message.services}
 
     def _compare_objects(self, floor: str, stamp_ns: int) -> None:
-        """Requests the objects of a floor if its maps have changed, and compares them. If fusion doesn't answer, a later call does."""
+        """Requests a floor's objects if its maps have changed, and compares them. If fusion is silent, a later call retries."""
         requested_s, read_stamp_ns = self._objects_read.get(floor, (-_OBJECTS_PERIOD_S, 0))
         now_s = time.monotonic()
         if stamp_ns == read_stamp_ns or now_s - requested_s < _OBJECTS_PERIOD_S or not self._state.alive("fusion"):
