@@ -155,7 +155,7 @@ class BuildingMaps:
         return Outcome(result.floor, True, "", result.changes, n_missed)
 
     def freeze(self) -> State:
-        """A copy of everything. The maps may change afterwards. Safe from any thread."""
+        """A copy of everything, which stays as it is when the maps change. Safe from any thread."""
         with self.lock:
             return {"number": self.number, "maps": freeze(self.joint), "processed": self.processed.state()}
 

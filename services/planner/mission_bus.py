@@ -123,7 +123,7 @@ class MissionBus:
                     return newest
 
     def _revision_with(self, seq: int, began_s: float) -> Revision:
-        """The newest revision of the floor whose maps contain observation ``seq``; waits for it."""
+        """Waits until the maps of some floor contain the robot's observation ``seq``; returns the newest revision of that floor."""
         asked_s = time.monotonic()
         while True:
             rows = [row.message for row in self.revisions.rows()]
@@ -168,7 +168,7 @@ class MissionBus:
         self._pause(_POLL_S)
 
     def check_cancelled(self) -> None:
-        """MissionCancelledError: somebody cancelled the mission, or the service ends."""
+        """Raises MissionCancelledError if somebody has cancelled the mission, or the service ends."""
         if self.cancelled() or self.node.stopping.is_set():
             raise MissionCancelledError
 

@@ -219,7 +219,7 @@ class MapLog:
             self._node.log.info("restored", revision=revision, seconds=round(time.monotonic() - began_s, 2))
 
     def _replay(self) -> None:
-        """Integrates the views logged after the snapshot. StoreError."""
+        """Integrates the views logged after the snapshot. Raises StoreError."""
         for number, perceived in logged_views(self._store, self._node, self._maps.number):
             try:
                 self._integrate(number, perceived)

@@ -115,7 +115,7 @@ class Store:
             ]
 
     def log(self, after: int) -> Iterator[tuple[int, Entry | None]]:
-        """The views logged after number ``after``, oldest first; None for one that is damaged. StoreError."""
+        """The views logged after number ``after``, oldest first; None for one that is damaged. Raises StoreError."""
         while True:
             with self._reading() as db:
                 row = db.execute(
@@ -129,7 +129,7 @@ class Store:
             yield after, _entry(fields, checksum)
 
     def newest(self, source: str, view: int, limit: int) -> list[Entry]:
-        """At most ``limit`` logged views of a source, newest first, without damaged ones. StoreError."""
+        """At most ``limit`` logged views of a source, newest first, without damaged ones. Raises StoreError."""
         with self._reading() as db:
             rows = db.execute(
                 "SELECT source, view, header, payload, reply, digest, fault, checksum FROM view"
@@ -139,19 +139,19 @@ class Store:
         return [entry for *fields, checksum in rows if (entry := _entry(fields, checksum)) is not None]
 
     def add_events(self, events: Iterable[StoredEvent]) -> None:
-        """Commits events. Events with the same numbers that are stored already stay as they are. StoreError."""
+        """Commits events. Events with the same numbers that are stored already stay as they are. Raises StoreError."""
         rows = [(e.number, e.k, e.floor, e.object_id, e.absorbed, msgspec.msgpack.encode(e.event)) for e in events]
         with self._writing() as db:
             db.executemany("INSERT OR IGNORE INTO event VALUES (?, ?, ?, ?, ?, ?)", rows)
 
     def history(self, floor: str, object_id: int) -> list[ObjectEvent]:
-        """All events of an object and of the objects that were merged into it, oldest first. StoreError."""
+        """All events of an object and of the objects that were merged into it, oldest first. Raises StoreError."""
         with self._reading() as db:
             rows = db.execute(_FAMILY, (floor, object_id)).fetchall()
         return [_EVENT.decode(data) for (data,) in rows]
 
     def save(self, snapshot: bytes, up_to: int) -> None:
-        """Saves a snapshot that contains the log up to number ``up_to``, and deletes what it makes superfluous. StoreError."""
+        """Saves a snapshot that contains the log up to number ``up_to``; deletes what is superfluous then. Raises StoreError."""
         pieces = [snapshot[i : i + _PIECE_BYTES] for i in range(0, len(snapshot), _PIECE_BYTES)]
         with self._writing() as db:
             db.execute(
@@ -179,7 +179,7 @@ class Store:
             db.execute("PRAGMA wal_checkpoint(TRUNCATE)")
 
     def snapshots(self) -> Iterator[tuple[int, bytes | None]]:
-        """The snapshots, newest first: (number up to which it contains the log, its bytes or None if damaged). StoreError."""
+        """The snapshots, newest first: (number up to which it contains the log, its bytes or None if damaged). Raises StoreError."""
         with self._reading() as db:
             rows = db.execute("SELECT id, up_to, pieces, checksum FROM snapshot ORDER BY id DESC").fetchall()
         for id, up_to, n_pieces, checksum in rows:
@@ -193,7 +193,7 @@ class Store:
             yield up_to, data if is_complete else None
 
     def wipe(self) -> None:
-        """Overwrites everything in the file that was deleted, now and from now on. StoreError."""
+        """Overwrites everything in the file that was deleted, now and from now on. Raises StoreError."""
         self.close()  # to be opened again with the new setting
         self._overwrite = True
         with self._reading() as db:
@@ -201,7 +201,7 @@ class Store:
             db.execute("PRAGMA wal_checkpoint(TRUNCATE)")
 
     def drop_aside(self, before_s: float) -> int:
-        """Removes files that were set aside before a time [s since the epoch]; returns how many. StoreError."""
+        """Removes files that ``set_aside`` made before a time [s since the epoch]; returns how many. Raises StoreError."""
         ours = {self.path.name + ending for ending in ("", "-wal", "-shm", "-journal")}
         removed = 0
         try:
@@ -216,7 +216,7 @@ class Store:
         return removed
 
     def set_aside(self, reason: str, *, copy: bool = False) -> Path:
-        """Moves or copies the file to a name that ends in ``reason``, replacing an older one; returns its path. StoreError."""
+        """Moves or copies the file to a name that ends in ``reason``, replacing an older one; returns its path. Raises StoreError."""
         self.close()
         aside = self.path.with_name(f"{self.path.name}.{reason}")
         try:
