@@ -25,7 +25,7 @@ PerScene = Annotated[
     int | None,
     typer.Option(
         min=1,
-        help="Play only so many episodes of each scene, spread over its categories; a start without it plays the rest.",
+        help="Play only this many episodes of each scene, spread over its categories; a start without it plays the rest.",
     ),
 ]
 
@@ -36,25 +36,30 @@ app = typer.Typer(no_args_is_help=True, help="The benchmark: policies on the dat
 @needs("bench")
 def run(
     split: Annotated[str, typer.Option(help="val, val_mini, train, or one of your own.")] = "val_mini",
-    policy: Annotated[str, typer.Option(help="See `surveilnav bench policies`.")] = "surveilnav",
+    policy: Annotated[str, typer.Option(help="One of `surveilnav bench policies`.")] = "surveilnav",
     planner: Annotated[
-        str, typer.Option(help="fmm drives by the known map; sp knows the true navigation mesh.")
+        str,
+        typer.Option(
+            help="How the robot drives: fmm by the map known so far, sp by the simulator's true navigation mesh."
+        ),
     ] = "fmm",
     surveillance: Annotated[str, typer.Option(help="on or off: whether cameras take part.")] = "on",
-    perception: Annotated[str, typer.Option(help="simulated, oracle, compact or onnx-coco.")] = "simulated",
-    density: Annotated[int, typer.Option(help="Square metres of floor for a camera: 100 or 200.")] = 100,
-    views: Annotated[str, typer.Option(help="panoramic (360 degrees) or half (180).")] = "panoramic",
+    perception: Annotated[
+        str, typer.Option(help="Perception backend: simulated, oracle, compact or onnx-coco.")
+    ] = "simulated",
+    density: Annotated[int, typer.Option(help="One camera for this many square metres of floor: 100 or 200.")] = 100,
+    views: Annotated[str, typer.Option(help="Views of a camera: panoramic (360 degrees) or half (180).")] = "panoramic",
     max_steps: Annotated[int, typer.Option(min=1, max=5000)] = 500,
     seed: Annotated[int, typer.Option(min=0)] = 0,
     per_scene: PerScene = None,
     workers: Annotated[int, typer.Option(min=1, max=64)] = os.cpu_count() or 1,
     root: Root = DEFAULT_ROOT,
     out: Annotated[
-        Path | None, typer.Option(help="The run's folder; a second start plays only what is missing.")
+        Path | None, typer.Option(help="The run's folder; started again, it plays only what is missing there.")
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Play episodes; kill it at any moment and start it again. Exit 0 only if every episode was played."""
+    """Play episodes. You may kill it at any time and start it again. Exit 0 only if all episodes were played."""
     from surveilnav.benchmark.runner.run import run as play
     from surveilnav.benchmark.runner.settings import RunSettings, run_id
     from surveilnav.benchmark.runner.summary import SUCCESS_RULE, summarise
@@ -136,16 +141,18 @@ def _numbers(finished: Finished, folder: Path, seconds: float) -> dict[str, Any]
 @app.command()
 @needs("bench")
 def table(
-    name: Annotated[list[str] | None, typer.Argument(help="main, range, density, ...; all if none is named.")] = None,
+    name: Annotated[list[str] | None, typer.Argument(help="main, range, density, ...; by default all.")] = None,
     workers: Annotated[int, typer.Option(min=1, max=64)] = os.cpu_count() or 1,
     root: Root = DEFAULT_ROOT,
-    out: Annotated[Path, typer.Option(help="Where pages, plots and runs go.")] = Path("docs/results/bench"),
+    out: Annotated[Path, typer.Option(help="Folder for pages, plots and runs.")] = Path("docs/results/bench"),
     arm: Annotated[
         list[str] | None,
-        typer.Option(help="Play only this arm, or those with this in their label; pages show what is there of others."),
+        typer.Option(
+            help="Play only arms with this label, or with this in their label; pages show what was played of the others."
+        ),
     ] = None,
     per_scene: PerScene = None,
-    play: Annotated[bool, typer.Option(help="--no-play: only write pages of what was played.")] = True,
+    play: Annotated[bool, typer.Option(help="--no-play: play nothing, only write pages of what was played.")] = True,
     as_json: AsJson = False,
 ) -> None:
     """Make tables: play what is missing of their runs, write pages and plots. Exit 0 only if every episode that was asked
@@ -216,7 +223,7 @@ def _said(table: Table, made: Made) -> dict[str, Any]:
 @app.command()
 @needs("bench")
 def policies(as_json: AsJson = False) -> None:
-    """List the policies."""
+    """List the policies, and what each does."""
     from surveilnav.benchmark.policies import POLICIES
 
     if as_json:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from surveilnav.client import Client
     from surveilnav.rest import Camera
 
-app = typer.Typer(invoke_without_command=True, help="List cameras; pause, resume or forget one, delete past pictures.")
+app = typer.Typer(invoke_without_command=True, help="List cameras; pause, resume or remove one; delete past pictures.")
 
 
 def _ids(ctx: typer.Context, incomplete: str) -> list[str]:
@@ -28,13 +28,13 @@ def _ids(ctx: typer.Context, incomplete: str) -> list[str]:
 
 Id = Annotated[
     str,
-    typer.Argument(metavar="ID", autocompletion=_ids, help="A camera's id, or how it begins if no other begins so."),
+    typer.Argument(metavar="ID", autocompletion=_ids, help="A camera's id, or its beginning if that is unique."),
 ]
 
 
 @app.callback()
 def list_all(ctx: typer.Context, url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
-    """List cameras: where they are, whether they are invoked, what they saw; or pause, resume or forget one."""
+    """List cameras: where they are, whether they are invoked, what they saw; or pause, resume or remove one."""
     only_before_nothing(ctx)
     if ctx.invoked_subcommand:
         return
@@ -48,21 +48,21 @@ def list_all(ctx: typer.Context, url: Url = DEFAULT_URL, as_json: AsJson = False
 
 @app.command()
 def pause(id: Id, url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
-    """Have a camera look at nothing and send nothing, whoever asks."""
+    """Pause a camera: it sends no pictures, whoever asks, and detects nothing."""
     with gateway(url) as asked:
         _changed(asked.pause_camera(_known(asked, id)), as_json)
 
 
 @app.command()
 def resume(id: Id, url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
-    """Have a paused camera look again."""
+    """Resume a paused camera."""
     with gateway(url) as asked:
         _changed(asked.resume_camera(_known(asked, id)), as_json)
 
 
 @app.command()
 def forget(id: Id, url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
-    """Forget a camera whose process has ended."""
+    """Remove a camera whose process has ended from the list."""
     with gateway(url) as asked:
         id = _known(asked, id)
         asked.remove_camera(id)
@@ -74,7 +74,7 @@ def forget(id: Id, url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
 
 @app.command("delete-pictures")
 def delete_pictures(url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
-    """Delete all past pictures now. Maps, objects and recordings stay."""
+    """Delete all past pictures now, but no maps, objects or recordings."""
     with gateway(url) as asked:
         keepers = asked.forget_pictures()
     if as_json:

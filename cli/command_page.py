@@ -33,7 +33,7 @@ SHAPES: dict[str, str] = {
     "cameras delete-pictures": "items: `PictureKeeper`",
     "replay": "with `--check`: `recorded`, `replayed`, `views`, `began_with`, `ended`, `same`",
     "status": "`services`, `robots`, `cameras`, `perception`, `missions`: items each",
-    "watch": "an object a line: `id`, `event`, `data` (`Event`)",
+    "watch": "one object for each line: `id`, `event`, `data` (`Event`)",
     "objects": "items: `Object`",
     "map": "`Layer`",
     "traffic": "`Traffic`; with `--mission` `MissionTraffic`",
@@ -52,39 +52,43 @@ SHAPES: dict[str, str] = {
 
 _HEAD = """# The command line
 
-`surveilnav COMMAND --help` has every option. Where the virtual environment isn't active, write
-`.venv/bin/surveilnav`. `make docs` writes this page.
+The command `surveilnav` starts simulated systems, asks running ones, and plays the benchmark. Start a system in one terminal:
 
 ```
 surveilnav prepare --building studio            # once, with a network: afterwards none is needed
-surveilnav up --building studio                 # keeps running; go on in another terminal
-surveilnav watch                                # what is going on, until Ctrl-C
+surveilnav up --building studio                 # keeps running until Ctrl-C
 ```
+
+Then use it from another:
 
 ```bash
 surveilnav find tv                              # send a robot, and follow it
-surveilnav missions                             # which searches there are
-surveilnav cameras                              # what cameras saw
-surveilnav traffic                              # what that cost
-surveilnav map                                  # what is mapped, drawn with characters
-surveilnav map value --target tv --out tv.png   # or as a picture; .npy is an array
+surveilnav missions                             # list the searches
+surveilnav cameras                              # list the cameras, and what they saw
+surveilnav traffic                              # how many bytes that took
+surveilnav map                                  # draw the map with characters
+surveilnav map value --target tv --out tv.png   # or write it as a picture; .npy is an array
 ```
+
+`surveilnav watch` shows what is going on, until Ctrl-C. `surveilnav COMMAND --help` lists the options of a command. If the
+virtual environment isn't active, write `.venv/bin/surveilnav`. `make docs` writes this page.
 
 """
 _COMMANDS = """## Commands
 
-Commands of a running system ask its gateway at `http://127.0.0.1:8080`; `--url` or `SURVEILNAV_URL` name another one. The id of a
-mission or camera may be cut short where no other begins so.
+The commands under "The running system" ask its gateway at `http://127.0.0.1:8080`; name another one by `--url` or
+`SURVEILNAV_URL`. In place of the id of a mission or camera you may type its beginning, if no other id begins in the same way.
 
 """
 _JSON = """## For programs
 
-`--json` prints one JSON object on standard output. A list is `{"items": [...], "total": n}`. Items and single things are
-[REST's resources](rest.md), with all their fields. `watch` prints an object a line. If a command fails, the object is
-`{"error": {"type", "message"}}`, with the `name` of the gateway's or the mission's problem where there is one.
+With `--json` a command prints one JSON object on standard output; `watch` prints one for each line. A list is
+`{"items": [...], "total": n}`. Items and single things are [resources of REST](rest.md), with all their fields. If the command
+fails, the object is `{"error": {"type", "message"}}`. It also has the `name` of the problem, if the gateway or the mission gave
+one.
 
-Results are on standard output, progress and mistakes on standard error. In a pipe or a file a table has one line for each
-thing, however long.
+Results go to standard output, progress and errors to standard error. If the output is a pipe or a file, a table has one line
+for each thing, however long.
 
 """
 _EXITS = """## Exit codes
@@ -95,7 +99,8 @@ _EXITS = """## Exit codes
 _TAIL = """
 ## Completion
 
-`surveilnav --install-completion` has bash, zsh, fish or PowerShell complete commands, options, and ids of missions and cameras.
+After `surveilnav --install-completion`, bash, zsh, fish or PowerShell completes commands, options, and ids of missions and
+cameras.
 """
 
 

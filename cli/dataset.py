@@ -28,25 +28,26 @@ Root = Annotated[Path, typer.Option(help="The dataset's folder.")]
 @needs("bench")
 def build(
     split: Annotated[
-        list[str] | None, typer.Option(help="val, val_mini, train (all if none is named), or a name for --building.")
+        list[str] | None,
+        typer.Option(help="val, val_mini or train (by default all); or the name of your own split, with --building."),
     ] = None,
     building: Annotated[
         list[str] | None,
-        typer.Option(help=f"For a split of your own: {BUILDING_KINDS}."),
+        typer.Option(help=f"A building of your own split: {BUILDING_KINDS}."),
     ] = None,
     episodes: Annotated[
-        int | None, typer.Option(min=1, help="Of a split of your own, in each building; 10 if not said.")
+        int | None, typer.Option(min=1, help="Episodes in each building of your own split; by default 10.")
     ] = None,
     root: Root = DEFAULT_ROOT,
     workers: Annotated[int, typer.Option(min=1, max=64)] = os.cpu_count() or 1,
     anew: Annotated[
-        bool, typer.Option("--anew", help="Also what is there: after an update of program or furniture.")
+        bool, typer.Option("--anew", help="Build also what is there already, after an update of program or furniture.")
     ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Build the dataset, or what is missing or damaged of it: stop it whenever you like.
+    """Build the dataset, or whatever is missing or damaged of it. You may stop it at any time and start it again.
 
-    With --building, a split of your own buildings, named by --split ("own" if it isn't).
+    With --building it makes a split of your own buildings, with the name from --split (by default "own").
     """
     import msgspec
 
@@ -88,7 +89,7 @@ def check(
     deep: Annotated[bool, typer.Option(help="Also open every building and compare.")] = True,
     as_json: AsJson = False,
 ) -> None:
-    """Name whatever is wrong with a dataset. Exit 0 only if nothing is."""
+    """Check a dataset and list what is wrong with it. Exit 0 only if nothing is."""
     from surveilnav.benchmark.dataset.check import check as faults_of
     from surveilnav.cli.progress import counting
 
@@ -109,8 +110,8 @@ def check(
 def show(
     root: Root = DEFAULT_ROOT,
     split: Annotated[str, typer.Option()] = "val",
-    scene: Annotated[list[str] | None, typer.Option(help="Scenes; all if none is named.")] = None,
-    out: Annotated[Path, typer.Option(help="Where the pictures go.")] = Path("runs/dataset"),
+    scene: Annotated[list[str] | None, typer.Option(help="Scenes; by default all.")] = None,
+    out: Annotated[Path, typer.Option(help="Folder for the pictures.")] = Path("runs/dataset"),
     as_json: AsJson = False,
 ) -> None:
     """Draw floors, cameras with what they see, goals and starts."""

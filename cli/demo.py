@@ -31,9 +31,9 @@ from surveilnav.contract import MISSION_CANCEL, MISSION_GOAL, RECORDINGS
 from surveilnav.errors import BusError, MissionError, SurveilNavError
 from surveilnav.messages import MissionCancel, MissionGoal, MissionStatus
 from surveilnav.pictures import PictureSettings
-from surveilnav.simulator.plans.polygons import contains
 from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings
 from surveilnav.simulator.world.goals import Goals, Start, Verdict, find_goals, judge, sample_start
+from surveilnav.simulator.world.polygons import contains
 
 ROBOT = "r1"
 _READY_S = 180.0

@@ -16,11 +16,11 @@ class Exit(IntEnum):
         member.about = about
         return member
 
-    DONE = 0, "it is done: found and right, all read, all played"
+    DONE = 0, "it succeeded: the target was found, everything was read or played"
     FAILED = (
         1,
-        "it isn't; or a setting, a file or the system is wrong, as one line says; or nobody reads its output",
+        "it didn't succeed; or a setting, a file or the system is wrong, and one line says what; or its output was closed",
     )
-    MISTYPED = 2, "the command can't be as it was typed"
-    INTERRUPTED = 130, "interrupted by Ctrl-C; `up`, `watch` and `replay` end by it, and with 0"
-    TERMINATED = 143, "ended by SIGTERM; `up` and `replay` end by it, and with 0"
+    MISTYPED = 2, "the command was mistyped: there is no such command or option"
+    INTERRUPTED = 130, "interrupted by Ctrl-C; `up`, `watch` and `replay` are meant to be ended so, and return 0"
+    TERMINATED = 143, "ended by SIGTERM; `up` and `replay` are meant to be ended so, and return 0"

@@ -21,14 +21,15 @@ _LAYERS = "occupancy, explored, frontier or value"
 
 def map_(
     layer: Annotated[str, typer.Argument(metavar="LAYER", help=f"{_LAYERS.capitalize()}.")] = "occupancy",
-    floor: Annotated[
-        str, typer.Option(metavar="ID", help="Which floor; the lowest that is mapped if none is named.")
-    ] = "",
+    floor: Annotated[str, typer.Option(metavar="ID", help="The floor; by default the lowest that is mapped.")] = "",
     target: Annotated[
-        str, typer.Option(metavar="WORDS", help="Whose value it shows; the newest mission's if not said.")
+        str, typer.Option(metavar="WORDS", help="Target of the layer value; by default that of the newest mission.")
     ] = "",
     out: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write it: .png, north up, or .npy, an array for numpy.")
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="Write the layer to a file: .png with north up, or .npy, an array for numpy."
+        ),
     ] = None,
     url: Url = DEFAULT_URL,
     as_json: AsJson = False,

@@ -35,20 +35,20 @@ def _ids(ctx: typer.Context, incomplete: str) -> list[str]:
 
 Id = Annotated[
     str,
-    typer.Argument(metavar="ID", autocompletion=_ids, help="A mission's id, or how it begins if no other begins so."),
+    typer.Argument(metavar="ID", autocompletion=_ids, help="A mission's id, or its beginning if that is unique."),
 ]
-Reason = Annotated[str, typer.Option(metavar="TEXT", help="Why, for people.")]
+Reason = Annotated[str, typer.Option(metavar="TEXT", help="Reason, shown to people.")]
 
 
 def find(
-    target: Annotated[str, typer.Argument(help="What to find, in words that the perception understands.")],
-    robot: Annotated[str, typer.Option(metavar="ID", help="A robot; any free one if none is named.")] = "",
+    target: Annotated[str, typer.Argument(help="What to find, in words that the perception backend understands.")],
+    robot: Annotated[str, typer.Option(metavar="ID", help="The robot to send; by default any free one.")] = "",
     max_steps: MaxSteps = 500,
     queue: Annotated[bool, typer.Option("--queue", help="Wait for a robot if none is free.")] = False,
     url: Url = DEFAULT_URL,
     as_json: AsJson = False,
 ) -> None:
-    """Send a robot of the running system to find TARGET. Exit 0 only if it was found."""
+    """Send a robot of the running system to find TARGET, and follow it. Exit 0 only if it found it."""
     from surveilnav.cli.following import follow_mission
 
     with gateway(url) as asked:
@@ -60,7 +60,7 @@ def find(
 
 @app.callback()
 def list_all(ctx: typer.Context, url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
-    """List missions, the newest first; or show, cancel, pause or resume one."""
+    """List missions, newest first; or show, cancel, pause or resume one."""
     only_before_nothing(ctx)
     if ctx.invoked_subcommand:
         return
@@ -76,7 +76,7 @@ def list_all(ctx: typer.Context, url: Url = DEFAULT_URL, as_json: AsJson = False
 
 @app.command()
 def show(id: Id, url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
-    """Say all that is known of one mission, and what its robot is up to."""
+    """Show everything known about a mission, and what its robot is doing."""
     from surveilnav.cli.mission_words import show_mission
 
     with gateway(url) as asked:
@@ -89,7 +89,7 @@ def show(id: Id, url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
 
 @app.command()
 def plan(id: Id, url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
-    """Say what was weighed for the next waypoint, and why it was chosen."""
+    """Show what the next waypoint was compared with, and why it was chosen."""
     from surveilnav.cli.mission_words import show_plan
 
     with gateway(url) as asked:
@@ -102,21 +102,21 @@ def plan(id: Id, url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
 
 @app.command()
 def cancel(id: Id, reason: Reason = "", url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
-    """End a mission; its robot stops."""
+    """Cancel a mission; its robot stops."""
     with gateway(url) as asked:
         _changed(asked.cancel(_known(asked, id), reason), as_json)
 
 
 @app.command()
 def pause(id: Id, reason: Reason = "", url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
-    """Have a mission's robot end its action and stay where it is."""
+    """Pause a mission: its robot finishes its action and stays where it is."""
     with gateway(url) as asked:
         _changed(asked.pause(_known(asked, id), reason), as_json)
 
 
 @app.command()
 def resume(id: Id, url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
-    """Have a paused mission go on."""
+    """Resume a paused mission."""
     with gateway(url) as asked:
         _changed(asked.resume(_known(asked, id)), as_json)
 

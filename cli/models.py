@@ -16,13 +16,13 @@ if TYPE_CHECKING:
 
 app = typer.Typer(no_args_is_help=True, help="Detectors, segmenters, embedders: list, pull, check.")
 
-Names = Annotated[list[str], typer.Argument(help="Models, as `surveilnav models list` calls them.")]
+Names = Annotated[list[str], typer.Argument(help="Names of models, from `surveilnav models list`.")]
 
 
 @app.command("list")
 @needs("services")
 def list_models(as_json: AsJson = False) -> None:
-    """Say which models there are, how large, under which licence, and where they lie on this machine."""
+    """List the models with size and licence, and where they are on this machine."""
     from surveilnav.cli.listing import Column, listing
     from surveilnav.perception import models
 
@@ -98,10 +98,10 @@ def _hash_known(model: models.Model) -> str:
 @needs("services")
 def pull(
     names: Names,
-    to: Annotated[Path | None, typer.Option(help="A folder of models to pull into; the cache if not said.")] = None,
+    to: Annotated[Path | None, typer.Option(help="The folder to download into; by default the cache.")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Fetch models. What broke off goes on where it was; what is here already is checked and kept."""
+    """Download models. A broken-off download continues; a model that is here already is checked and kept."""
     from surveilnav.cli.progress import downloading
     from surveilnav.perception import models
 
@@ -120,11 +120,11 @@ def pull(
 def check(
     names: Annotated[
         list[str] | None,
-        typer.Argument(help="Names or folders' paths; all of the catalogue that are here if none is given."),
+        typer.Argument(help="Names, or paths of folders; by default all models of the catalogue that are here."),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Hash models anew, and compare. Exit 1 if one is damaged, or named and not here. A model's id ends with its digest."""
+    """Compute the hashes of models, and compare. Exit 1 if one is damaged, or was named and isn't here."""
     from surveilnav.cli.progress import counting
     from surveilnav.perception import models
 

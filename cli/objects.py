@@ -19,19 +19,22 @@ def objects(
     text: Annotated[
         str,
         typer.Argument(
-            help="What looks most like it comes first; a perception with a closed set refuses other words.",
+            help="Objects that look most like this come first. A backend with a closed set of classes refuses other words.",
             show_default=False,
         ),
     ] = "",
-    label: Annotated[str, typer.Option(metavar="WORD", help="Only objects that are called so.")] = "",
-    floor: Annotated[str, typer.Option(metavar="ID", help="Only those of one floor.")] = "",
+    label: Annotated[str, typer.Option(metavar="WORD", help="Only objects with this label.")] = "",
+    floor: Annotated[str, typer.Option(metavar="ID", help="Only objects of this floor.")] = "",
     state: Annotated[
-        str, typer.Option("--status", metavar="WORD", help="Only those that are confirmed, candidate or rejected.")
+        str,
+        typer.Option(
+            "--status", metavar="WORD", help="Only objects with this status: confirmed, candidate or rejected."
+        ),
     ] = "",
     url: Url = DEFAULT_URL,
     as_json: AsJson = False,
 ) -> None:
-    """List what the running system has seen; with TEXT, what looks most like it first."""
+    """List the objects that the running system has seen; with TEXT, those that look most like it first."""
     with gateway(url) as asked:
         found = asked.objects(text, label=label, floor=floor, status=state)
     if as_json:

@@ -26,7 +26,9 @@ class OnOff(StrEnum):
 
 AsJson = Annotated[
     bool,
-    typer.Option("--json", help='One JSON object on stdout, {"error": ...} if it fails; everything else on stderr.'),
+    typer.Option(
+        "--json", help='Print one JSON object on stdout ({"error": ...} if it fails), and everything else on stderr.'
+    ),
 ]
 #: What a building may be, in the help of whatever takes one.
 BUILDING_KINDS = (
@@ -35,31 +37,32 @@ BUILDING_KINDS = (
 )
 Building = Annotated[str, typer.Option(metavar="NAME", help=f"Which building: {BUILDING_KINDS}.")]
 Seed = Annotated[
-    int, typer.Option(min=0, metavar="N", help="Draws furniture models, textures, start and sensor noise.")
+    int, typer.Option(min=0, metavar="N", help="Chooses furniture models, textures, start and sensor noise.")
 ]
 Cameras = Annotated[
-    int | None, typer.Option(min=0, max=10_000, metavar="N", help="So many cameras in all (4 if no area is given).")
+    int | None,
+    typer.Option(min=0, max=10_000, metavar="N", help="Number of cameras in the building (4 if no area is given)."),
 ]
 Area = Annotated[
-    float | None, typer.Option(min=1.0, metavar="M2", help="One camera for so many square metres of floor.")
+    float | None, typer.Option(min=1.0, metavar="M2", help="Place one camera for this many square metres of floor.")
 ]
 Everywhere = Annotated[
-    bool, typer.Option("--cameras-everywhere", help="Cameras also on floors that robots can't get to.")
+    bool, typer.Option("--cameras-everywhere", help="Place cameras also on floors that robots can't reach.")
 ]
 Perception = Annotated[
     BackendName,
     typer.Option(
         metavar="NAME",
-        help=f"What looks at the pictures: {', '.join(BackendName)}; auto takes the best that can run.",
+        help=f"Perception backend: {', '.join(BackendName)}; auto takes the best that can run here.",
     ),
 ]
-Record = Annotated[OnOff, typer.Option(help="Whether each mission becomes a file, to be shown again by `replay`.")]
+Record = Annotated[OnOff, typer.Option(help="Whether each mission is recorded to a file, for `replay`.")]
 Surveillance = Annotated[OnOff, typer.Option(help="Whether cameras take part.")]
-MaxSteps = Annotated[int, typer.Option(min=1, max=5000, metavar="N", help="Give up after so many actions.")]
+MaxSteps = Annotated[int, typer.Option(min=1, max=5000, metavar="N", help="Give up after this many actions.")]
 DEFAULT_CAMERAS = 4
 
 DEFAULT_URL = "http://127.0.0.1:8080"
-Url = Annotated[str, typer.Option(envvar="SURVEILNAV_URL", metavar="URL", help="The gateway.")]
+Url = Annotated[str, typer.Option(envvar="SURVEILNAV_URL", metavar="URL", help="Address of the gateway.")]
 
 
 def density(cameras: int | None, area_per_camera_m2: float | None, everywhere: bool) -> dict[str, Any]:

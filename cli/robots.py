@@ -13,17 +13,17 @@ if TYPE_CHECKING:
 
 
 def stop(
-    reason: Annotated[str, typer.Option(metavar="TEXT", help="Why, for people.")] = "",
+    reason: Annotated[str, typer.Option(metavar="TEXT", help="Reason, shown to people.")] = "",
     url: Url = DEFAULT_URL,
     as_json: AsJson = False,
 ) -> None:
-    """EMERGENCY STOP: stop all robots of the running system at once. Exit 0 only if each says that it stopped."""
+    """EMERGENCY STOP: stop all robots of the running system at once. Exit 0 only if each confirms that it stopped."""
     with gateway(url) as asked:
         _tell(asked.stop_robots(reason), "stopped, until `surveilnav release`", as_json)
 
 
 def release(url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
-    """Release all robots after `stop`. Nothing moves by that: missions stay paused until they are resumed."""
+    """Release all robots after `stop`. They stay where they are until you resume their missions."""
     with gateway(url) as asked:
         _tell(asked.release_robots(), "released; its mission is paused until `surveilnav missions resume`", as_json)
 

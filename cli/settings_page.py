@@ -36,32 +36,30 @@ _BEGINNING = """\
 
 Generated from the settings classes by `make docs`; don't edit.
 
-Every setting is an environment variable. Lists and tables are JSON; yes and no are `true` and `false`. A value that can't be ends
-the process with one line that says what was expected.
+These are the settings that most people need. Every setting is an environment variable. Lists and tables are written in JSON,
+yes and no as `true` and `false`. If a value is invalid, the process ends with one line that says what was expected.
 
 ```
 SURVEILNAV_GATEWAY__PORT=8090 SURVEILNAV_BUS__LOG_LEVEL=debug surveilnav up
 SURVEILNAV_FUSION__PRESET=paper surveilnav demo               # joint maps to the letter of the paper
 ```
 
-`surveilnav up` and `surveilnav demo` set the bus, the building, seed, cameras, perception and stores from their options,
-whatever the environment says, but for the folder of recordings. `--help` lists the options.
+`surveilnav up` and `surveilnav demo` set the bus, the building, seed, cameras, perception and stores by their options (see
+`--help`). For these they ignore the environment; only the folder of recordings is taken from it.
 
-These are the settings that people need.
-[Experts' settings](settings-expert.md) has all others: numbers of the maps and the planner,
-time-outs, limits.
+[Experts' settings](settings-expert.md) has all other settings: numbers of the maps and the planner, time-outs, limits.
 
 ## Folders and addresses
 
 | variable | default | what |
 |---|---|---|
-| `SURVEILNAV_CACHE_DIR` | `~/.cache/surveilnav` | what can be made or fetched again: furniture, light, views, frames |
+| `SURVEILNAV_CACHE_DIR` | `~/.cache/surveilnav` | what can be computed or downloaded again: furniture, light, views, frames |
 | `SURVEILNAV_MODELS_DIR` | not set | a folder with [models](models.md) |
 | `SURVEILNAV_OFFLINE` | not set | `1`: no model is ever downloaded |
-| `SURVEILNAV_YOLO_WORLD` | not set | an ONNX file of your own, the model `yolo-world` |
-| `HF_HUB_OFFLINE` | not set | `1`: the same, as other users of the Hugging Face hub know it |
+| `SURVEILNAV_YOLO_WORLD` | not set | the ONNX file that you exported for the model `yolo-world` |
+| `HF_HUB_OFFLINE` | not set | `1`: the same; other programs that use the Hugging Face hub know this variable |
 | `HF_ENDPOINT` | `https://huggingface.co` | the hub that models are pulled from, or a mirror of it |
-| `SURVEILNAV_URL` | `http://127.0.0.1:8080` | the gateway that `surveilnav find` and `surveilnav status` ask |
+| `SURVEILNAV_URL` | `http://127.0.0.1:8080` | the gateway that commands such as `surveilnav find` and `surveilnav status` ask |
 """
 
 _EXPERT_BEGINNING = """\
@@ -69,16 +67,16 @@ _EXPERT_BEGINNING = """\
 
 Generated from the settings classes by `make docs`; don't edit.
 
-All settings that aren't on [the page of settings](settings.md). Their defaults are what the results were measured with:
-change one if you know why, and measure again. They are read in the same way.
+These are all settings that aren't on [the page of settings](settings.md). They are environment variables as well. The published
+results were measured with their defaults. If you change one, know why, and measure again.
 
 ```
 SURVEILNAV_PLANNER__CORE__STRATEGY=greedy surveilnav up       # one number of the planner's core
 SURVEILNAV_PLANNER__CORE='{"second_look_m": null}' surveilnav up    # None is null in JSON
 ```
 
-- A name that doesn't exist is an error below a part (`FUSION__MAP__...`, `PLANNER__CORE__...`), and ignored elsewhere.
-- A description that begins with `...` goes on from the row above.
+- A misspelt name is an error if it belongs to a part (`FUSION__MAP__...`, `PLANNER__CORE__...`). Elsewhere it is ignored.
+- A description that begins with `...` continues the one in the row above.
 """
 
 #: What people need, by the part of the variable after ``SURVEILNAV_``. Whatever isn't here is an expert's.

@@ -34,7 +34,7 @@ def demo(
     building: Building = "3_bedroom",
     seed: Seed = 0,
     target: Annotated[
-        str, typer.Option(metavar="WORDS", help="What to find, in words that the perception understands.")
+        str, typer.Option(metavar="WORDS", help="What to find, in words that the perception backend understands.")
     ] = "tv",
     perception: Perception = BackendName.AUTO,
     surveillance: Surveillance = OnOff.on,
@@ -43,10 +43,12 @@ def demo(
     cameras_everywhere: Everywhere = False,
     max_steps: MaxSteps = 500,
     record: Record = OnOff.on,
-    runs: Annotated[Path, typer.Option(metavar="FOLDER", help="Where run folders go.")] = Path("runs"),
+    runs: Annotated[Path, typer.Option(metavar="FOLDER", help="Folder in which each run gets a folder.")] = Path(
+        "runs"
+    ),
     as_json: AsJson = False,
 ) -> None:
-    """Search a simulated home, end to end, and write a report. Exit 0 only if the stop was right."""
+    """Search a simulated home once and write a report. Exit 0 only if the robot stopped at the target."""
     from surveilnav.cli.demo import DemoOptions, run_demo
 
     options = DemoOptions(
@@ -77,10 +79,10 @@ def up(
     cameras_everywhere: Everywhere = False,
     port: Annotated[int, typer.Option(min=1, max=65535, metavar="N", help="The gateway's port.")] = 8080,
     router: Annotated[str, typer.Option(metavar="ENDPOINT", help="The router's endpoint.")] = "tcp/127.0.0.1:7447",
-    logs: Annotated[Path, typer.Option(metavar="FOLDER", help="Where the services' logs go.")] = Path("runs/up"),
+    logs: Annotated[Path, typer.Option(metavar="FOLDER", help="Folder of the services' logs.")] = Path("runs/up"),
     record: Record = OnOff.on,
 ) -> None:
-    """Start router and services for a simulated home and keep them running until Ctrl-C."""
+    """Start the router and all services for a simulated building, and keep them running until Ctrl-C."""
     from surveilnav.cli.up import run_up
 
     run_up(
@@ -101,25 +103,25 @@ def up(
 def prepare(
     building: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help=f"Which building: {BUILDING_KINDS}; the environment's if not said."),
+        typer.Option(metavar="NAME", help=f"Which building: {BUILDING_KINDS}; by default that of the environment."),
     ] = None,
     seed: Annotated[
-        int | None, typer.Option(min=0, metavar="N", help="Draws furniture models, textures and sensor noise.")
+        int | None, typer.Option(min=0, metavar="N", help="Chooses furniture models, textures and sensor noise.")
     ] = None,
     perception: Perception = BackendName.AUTO,
     cameras: Cameras = None,
     area_per_camera: Area = None,
     cameras_everywhere: Everywhere = False,
-    no_models: Annotated[bool, typer.Option("--no-models", help="Fetch nothing that looks at pictures.")] = False,
+    no_models: Annotated[bool, typer.Option("--no-models", help="Don't download models.")] = False,
     no_loops: Annotated[
-        bool, typer.Option("--no-loops", help="Don't compile the loops, which plays a small search.")
+        bool, typer.Option("--no-loops", help="Don't compile the inner loops (which takes a small search).")
     ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Make ahead all that a first search needs: furniture, light, camera views, navigation, models, compiled loops.
+    """Compute and download ahead what a first search needs: furniture, light, camera views, navigation, models.
 
-    After it no network is needed, and `demo` and `up` with the same options find everything ready. Without --building all
-    comes from the environment (SURVEILNAV_SIM__BUILDING, ...), as in `docker compose up`.
+    It also compiles the inner loops. Afterwards no network is needed, and `demo` and `up` with the same options start at once.
+    Without --building all options come from the environment (SURVEILNAV_SIM__BUILDING, ...), as in `docker compose up`.
     """
     from surveilnav.cli.preparing import run_prepare
     from surveilnav.simulator.simulation import SimulationSettings

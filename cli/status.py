@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 def status(url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
-    """What the running system is doing: services, robots, cameras, perception, missions."""
+    """Show what the running system is doing: services, robots, cameras, perception, missions."""
     with gateway(url) as asked:
         found = everything(asked)
     if as_json:

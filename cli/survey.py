@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @needs("simulator")
 def buildings(as_json: AsJson = False) -> None:
-    """List the buildings that can be simulated: floors, rooms and their area."""
+    """List the buildings that can be simulated, with floors, rooms and area."""
     rows = _buildings()
     if as_json:
         print_json(items(rows))
@@ -74,7 +74,7 @@ def _number(value: float | None) -> str:
 def homes(
     folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="A folder, or one file.")], as_json: AsJson = False
 ) -> None:
-    """Say of every plan and mesh in FOLDER how much of it robots can search. Exit 1 if nothing could be read.
+    """Say for every plan and mesh in FOLDER how much of it robots can search. Exit 1 if none could be read.
 
     It takes .sh3d files, Home.xml, .glb, .gltf, .obj and folders of HM3D, however deep they lie.
     """
@@ -93,11 +93,11 @@ def homes(
 @needs("simulator")
 def doctor(
     building: Annotated[
-        str, typer.Option(metavar="NAME", help="Also say how much of this building robots can reach.")
+        str, typer.Option(metavar="NAME", help="Say also how much of this building robots can reach.")
     ] = "",
     as_json: AsJson = False,
 ) -> None:
-    """Say what is missing on this machine, and how to get it. Exit 1 if something must be mended."""
+    """Say what is missing on this machine, and how to get it. Exit 1 if something must be repaired."""
     from surveilnav.cli.doctor import examine, show
     from surveilnav.cli.progress import bar
 

@@ -17,12 +17,14 @@ if TYPE_CHECKING:
 
 
 def traffic(
-    nodes: Annotated[bool, typer.Option("--nodes", help="Also every process of the system.")] = False,
-    mission: Annotated[str, typer.Option(metavar="ID", help="What one mission cost instead, and may come to.")] = "",
+    nodes: Annotated[bool, typer.Option("--nodes", help="Show every process of the system, too.")] = False,
+    mission: Annotated[
+        str, typer.Option(metavar="ID", help="Show instead what this mission has cost, and what it may come to.")
+    ] = "",
     url: Url = DEFAULT_URL,
     as_json: AsJson = False,
 ) -> None:
-    """Say what each camera and robot offered, what was delivered of it, and what went over the wire."""
+    """Show how many bytes each camera and robot offered, how many were delivered, and how many went over the wire."""
     if mission:
         _of_mission(mission, url, as_json)
         return

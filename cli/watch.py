@@ -24,7 +24,7 @@ _EVENTS = 200
 
 
 def watch(url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
-    """Watch the running system: missions and why they go where, robots, cameras, traffic, alerts. Ctrl-C ends it.
+    """Watch the running system until Ctrl-C: missions and their reasons, robots, cameras, traffic, alerts.
 
     In a pipe or a file it is a line for each event; with --json an object a line: id, event, data.
     """

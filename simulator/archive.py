@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import io
 import lzma
 import struct
+import warnings
 import zipfile
 import zlib
 from pathlib import Path, PurePosixPath
-from types import TracebackType
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from surveilnav.errors import BuildingError
 
@@ -26,7 +28,7 @@ MAX_TEXTURE_PX = 512
 
 
 class Archive:
-    """A zip file that can be trusted: no more than the limits, no member outside of it.
+    """A zip file from a stranger, checked when it is opened: it keeps to the limits, and no member's path leads out of it.
 
     Raises:
         BuildingError: not a zip, damaged, a bomb, or with names that climb out of it.
@@ -71,18 +73,12 @@ class Archive:
     def __enter__(self) -> Archive:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def close(self) -> None:
         """Closes the file."""
         self._zip.close()
-
-    def names(self) -> list[str]:
-        """All members, as spelt in the file."""
-        return [info.filename for info in self._zip.infolist()]
 
     def fingerprint(self, name: str) -> str:
         """Something that changes with the member's content; "" where there is no such member."""
@@ -119,27 +115,22 @@ class Archive:
 
 
 def picture_size(data: bytes) -> tuple[int, int] | None:
-    """Width and height of a PNG, JPEG or BMP from its header; None for anything else."""
-    if data[:8] == b"\x89PNG\r\n\x1a\n" and len(data) >= 24:
-        width, height = struct.unpack(">II", data[16:24])
-        return width, height
-    if data[:2] == b"BM" and len(data) >= 26:
-        width, height = struct.unpack("<ii", data[18:26])
-        return abs(width), abs(height)
-    if data[:2] == b"\xff\xd8":
-        at = 2
-        while at + 9 < len(data):
-            if data[at] != 0xFF:
-                return None
-            marker = data[at + 1]
-            if marker == 0xFF:
-                at += 1
-                continue
-            if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
-                height, width = struct.unpack(">HH", data[at + 5 : at + 9])
-                return width, height
-            at += 2 + struct.unpack(">H", data[at + 2 : at + 4])[0]
-    return None
+    """Width and height of a PNG, JPEG or BMP by its header alone; None for anything else, and for what Pillow takes for a
+    decompression bomb."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", Image.DecompressionBombWarning)
+            with Image.open(io.BytesIO(data), formats=("PNG", "JPEG", "BMP")) as picture:
+                return picture.size
+    except (
+        OSError,
+        ValueError,
+        SyntaxError,
+        struct.error,
+        Image.DecompressionBombError,
+        Image.DecompressionBombWarning,
+    ):
+        return None
 
 
 def decode_picture(

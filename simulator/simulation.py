@@ -1,4 +1,4 @@
-"""A simulated building as its nodes use it: one setting class, one place that knows which caches to ask.
+"""A simulated building as its nodes use it: its settings, and one object that makes each part on demand, from caches if it can.
 
 ``prepare`` is the one-shot step: it bakes the light, places the cameras and renders their views into the
 cache. After it a camera node needs only the ``CameraPlan`` and the cached views, not the building.
@@ -53,14 +53,28 @@ class SimulationSettings(BaseSettings):
         description="a name of `surveilnav buildings`, or the path of a .sh3d file, a Home.xml, a .glb, an .obj or a folder of "
         "HM3D",
     )
-    seed: int = Field(0, ge=0, description="draws furniture models, floor textures, starts and sensor noise")
-    models: Literal["all", "train", "val"] = Field("all", description="furnish with one half of the models alone")
-    area_per_camera_m2: float = Field(100.0, gt=0, description="one camera for so much floor")
-    cameras: int | None = Field(None, ge=0, le=10_000, description="this many cameras in all instead")
-    cameras_everywhere: bool = Field(False, description="cameras also on floors that robots can't get to")
-    depth_noise: bool = Field(True, description="noise on depth; without it bandwidth figures lie")
+    seed: int = Field(0, ge=0, description="chooses furniture models, floor textures, starts and sensor noise")
+    models: Literal["all", "train", "val"] = Field(
+        "all", description="furnish with all models, or only with one half of them, as the benchmark's train and val do"
+    )
+    area_per_camera_m2: float = Field(
+        100.0, gt=0, description="one camera is placed for this many square metres of floor"
+    )
+    cameras: int | None = Field(
+        None,
+        ge=0,
+        le=10_000,
+        description="place this many cameras in the building; not set: one for each area_per_camera_m2",
+    )
+    cameras_everywhere: bool = Field(False, description="place cameras also on floors that robots can't reach")
+    depth_noise: bool = Field(
+        True,
+        description="add noise to depth; depth without noise compresses too well, so bandwidth comes out too low",
+    )
     lighting: str = Field(
-        "baked", pattern="baked|flat|shadowed", description="light from a cache, none, or shadow rays for every view"
+        "baked",
+        pattern="baked|flat|shadowed",
+        description="baked: light computed once and cached; flat: no light; shadowed: shadow rays for every view",
     )
 
 
@@ -95,14 +109,14 @@ class SimulatedBuilding:
 
     @cached_property
     def reach(self) -> Reach:
-        """How much of it robots can reach, and what they can't."""
+        """How much of the building robots can reach, and what keeps them from the rest."""
         from surveilnav.simulator.world.reach import reach_of
 
         return reach_of(self.scene, self.navigation)
 
     @cached_property
     def notes(self) -> tuple[str, ...]:
-        """What people should know of the building before they search it: what robots can't reach first."""
+        """Notes that people should read before they search the building; the first says what robots can't reach."""
         return tuple(note for note in (self.reach.sentence, *self.scene.notes) if note)
 
     @cached_property

@@ -12,9 +12,9 @@ from surveilnav.config import cache_dir as default_cache_dir
 from surveilnav.simulator.furniture.assets import ensure_assets, is_here
 from surveilnav.simulator.furniture.catalog import Furniture
 from surveilnav.simulator.plans.outliers import without_outliers
-from surveilnav.simulator.plans.polygons import signed_area
 from surveilnav.simulator.plans.shell import Shell
 from surveilnav.simulator.sources import EXAMPLE_HOMES, PARAMETRIC, list_buildings, open_building, read_example
+from surveilnav.simulator.world.polygons import signed_area
 from surveilnav.simulator.world.scene import Floor, Room
 
 

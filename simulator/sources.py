@@ -13,10 +13,10 @@ from surveilnav.errors import AssetError, BuildingError
 from surveilnav.simulator.archive import MAX_MEMBER_BYTES, Archive
 from surveilnav.simulator.furniture.assets import ensure_assets
 from surveilnav.simulator.furniture.catalog import Furniture
-from surveilnav.simulator.furniture.placing import MODELS, Models
 from surveilnav.simulator.meshes import is_mesh, open_scan
 from surveilnav.simulator.plans.homes import build_home
 from surveilnav.simulator.plans.parametric_homes import parametric_flat, parametric_house
+from surveilnav.simulator.plans.placing import MODELS, Models
 from surveilnav.simulator.plans.sweethome import Home, read_home
 from surveilnav.simulator.procedural.buildings import KINDS, generated_home, is_generated
 from surveilnav.simulator.world.scene import Scene

@@ -42,10 +42,10 @@ from surveilnav.sensing.packing import (
 )
 from surveilnav.sensing.views import PosedView, TrueInstances, ViewPerception, looks_straight_down
 from surveilnav.services.camera_node.core import ViewLabels, build_summary, merge_labels
-from surveilnav.simulator.furniture.labels import TARGETS
 from surveilnav.simulator.render.depth_noise import DepthNoise
 from surveilnav.simulator.render.picture import Rendered
 from surveilnav.simulator.simulation import CAMERA_DEPTH_RANGE_M, SimulatedBuilding, noise_seed
+from surveilnav.simulator.world.labels import TARGETS
 
 Way = Literal["pixels", "depth"]
 Views = Literal["panoramic", "half"]

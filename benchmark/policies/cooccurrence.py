@@ -17,8 +17,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
-from surveilnav.simulator.furniture.labels import TARGETS
 from surveilnav.simulator.sources import TRAIN_HOMES
+from surveilnav.simulator.world.labels import TARGETS
 
 _PATH = Path(__file__).with_name("cooccurrence.json")
 

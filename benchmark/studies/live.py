@@ -28,8 +28,8 @@ from surveilnav.benchmark.runner.summary import Interval, interval
 from surveilnav.benchmark.studies.arrivals import arrivals_of
 from surveilnav.benchmark.studies.rows import RowsFile
 from surveilnav.services.recorder.reading import RecordingError
-from surveilnav.simulator.furniture.labels import TARGETS
 from surveilnav.simulator.sources import TRAIN_HOMES
+from surveilnav.simulator.world.labels import TARGETS
 
 ARMS = ("on", "off")
 KEY = ("building", "seed", "target", "surveillance")

@@ -13,14 +13,17 @@ from surveilnav.cli.options import AsJson, console, print_json, results
 
 @needs("services")
 def replay(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="A recording (.mcap), also one that was cut off.")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A recording (.mcap); an interrupted one will do.")],
     speed: Annotated[  # the limits of surveilnav.messages, which help shan't wait for
-        float, typer.Option(min=0.01, max=1000, metavar="N", help="So many times as fast as it happened.")
+        float, typer.Option(min=0.01, max=1000, metavar="N", help="How many times as fast as it happened.")
     ] = 1.0,
     port: Annotated[int, typer.Option(min=1, max=65535, metavar="N", help="The gateway's port.")] = 8080,
     check: Annotated[
         bool,
-        typer.Option("--check", help="Only make the maps again and compare them. Exit 0 only if they are the same."),
+        typer.Option(
+            "--check",
+            help="Only make the maps again and compare them with the recorded ones. Exit 0 only if they are the same.",
+        ),
     ] = False,
     as_json: AsJson = False,
 ) -> None:

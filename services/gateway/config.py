@@ -19,26 +19,26 @@ class GatewaySettings(BaseSettings):
     port: int = Field(default=8080, ge=0, le=65535, description="the TCP port; 0: any free one")
     allowed_hosts: str = Field(
         default="localhost,127.0.0.1,[::1]",
-        description="names in Host headers that are answered, beside the host: without ports, with commas between; * for any",
+        description="names in Host headers that are answered, beside the host: without ports, separated by commas; * for any",
     )
     root_path: str = Field(
         default="",
         pattern=r"^(/[A-Za-z0-9_.~-]+)*$",
-        description="the path below which a proxy has the gateway, such as /surveilnav; the proxy removes it from requests",
+        description="the path below which a proxy offers the gateway, such as /surveilnav; the proxy removes it from requests",
     )
     trusted_proxies: str = Field(
         default="",
-        description="proxies whose X-Forwarded-For the access log believes: addresses or networks with commas between",
+        description="proxies whose X-Forwarded-For the access log believes: addresses or networks, separated by commas",
     )
     access_log: str = Field(
         default="",
-        description="the folder for the access log, which says who was shown which camera; empty: it is only in memory",
+        description="the folder of the access log, which says who was shown which camera; empty: it is kept in memory only",
     )
     access_log_days: int = Field(default=90, ge=1, le=3650, description="how long a line of the access log is kept")
     access_log_mb: int = Field(
         default=10, ge=2, le=1000, description="the size of all files of the access log; the oldest are removed first"
     )
-    node_id: str = Field(default="gateway", description="its name on the bus")
+    node_id: str = Field(default="gateway", description="the gateway's name on the bus")
 
     @field_validator("host")
     @classmethod

@@ -17,19 +17,30 @@ class PerceptionSettings(BaseSettings):
 
     worker: str = Field(default="perception-1", pattern=ID_PATTERN, description="this worker's name in its keys")
     backend: str = Field(default="auto", description=f"one of {', '.join(BackendName)}")
-    detectors: list[str] = Field(default=list(DEFAULT_DETECTORS), description="onnx-coco's networks (JSON list)")
-    large_detectors: list[str] = Field(default=list(DEFAULT_LARGE_DETECTORS), description="the same for cameras' views")
-    detector: str = Field(default="", description="paper, yolo-world: another detector: a model, or a folder")
-    segmenter: str = Field(default="", description="paper, yolo-world: another segmenter, or depth-in-box")
-    embedder: str = Field(default="", description="paper, yolo-world: another embedder")
+    detectors: list[str] = Field(
+        default=list(DEFAULT_DETECTORS), description="onnx-coco: networks for robots' views (JSON list)"
+    )
+    large_detectors: list[str] = Field(
+        default=list(DEFAULT_LARGE_DETECTORS), description="onnx-coco: networks for cameras' views (JSON list)"
+    )
+    detector: str = Field(
+        default="", description="paper, yolo-world: another detector, by the model's name or its folder"
+    )
+    segmenter: str = Field(
+        default="", description="paper, yolo-world: another segmenter, in the same way, or depth-in-box"
+    )
+    embedder: str = Field(default="", description="paper, yolo-world: another embedder, in the same way")
     words_per_pass: int = Field(
-        default=0, ge=0, description="paper, with Grounding DINO: words looked for at once; 0: as many as fit"
+        default=0, ge=0, description="paper, with Grounding DINO: how many words one pass looks for; 0: as many as fit"
     )
     threshold: float | None = Field(
-        default=None, ge=0, le=1, description="paper, yolo-world: the score a box needs; not set: its model's"
+        default=None,
+        ge=0,
+        le=1,
+        description="paper, yolo-world: least score of a detection; not set: as the model recommends",
     )
     device: str = Field(
-        default="auto", description="networks under PyTorch: auto (a GPU if there is one), cpu, cuda, cuda:1"
+        default="auto", description="where networks under PyTorch run: auto (a GPU if there is one), cpu, cuda, cuda:1"
     )
     compiled: bool = Field(
         default=False, description="compile networks under PyTorch on a GPU; the first pictures then take minutes"
@@ -39,7 +50,7 @@ class PerceptionSettings(BaseSettings):
         default=False,
         description="whether the building is simulated: auto may then choose a network trained on rendered homes",
     )
-    seed: int = Field(default=0, description="of the backend simulated")
+    seed: int = Field(default=0, description="seed of the backend simulated")
     download: bool = Field(default=True, description="whether missing weights of up to 100 MB may be downloaded")
     capacity: int = Field(
         default=16, ge=1, description="views that may be queued or processed at a time; more are refused"

@@ -1,8 +1,10 @@
 """The planner: missions, waypoint selection and local planning.
 
-service     takes and cancels missions
-mission     one mission: waits for maps, has the core decide, commands the robot, is on disk before it does
-world       what a mission asks of fusion and the robot
-store       missions that outlive a restart
-core        the decisions, the stop too: ``step`` gives the next action
+service           accepts, cancels, pauses and reports missions
+mission_registry  which missions there are, and which robot has which
+mission_runner    one mission: waits for maps, has the core decide, stores the decision, commands the robot
+mission_bus       what a mission asks of fusion and the robot
+floor_maps        the maps that a decision is made on: of one moment, and only what changed is transferred
+store             missions that outlive a restart
+core              the decisions, including the stop: ``step`` gives the next action
 """

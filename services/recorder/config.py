@@ -19,7 +19,7 @@ class RecorderSettings(BaseSettings):
         default=Path("runs/recordings"),
         description="the folder where recordings are written, one file for each mission",
     )
-    id: str = Field(default="recorder", pattern=ID_PATTERN, description="its name on the bus")
+    id: str = Field(default="recorder", pattern=ID_PATTERN, description="the recorder's name on the bus")
     max_mb: int = Field(
         default=8192,
         ge=0,

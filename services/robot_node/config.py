@@ -13,10 +13,13 @@ class RobotSettings(BaseSettings):
 
     model_config = SettingsConfigDict(env_prefix="SURVEILNAV_ROBOT__", extra="ignore")
 
-    id: str = Field("r1", pattern=ID_PATTERN, description="its name in its keys")
-    start: str = Field("", description="x,y,floor,yaw_deg in the world; empty: a place drawn by the seed")
-    start_for: str = Field("", description="begin out of sight and at least 5 m away from this target")
-    store: str = Field(
-        "", description="a file that keeps where it stands, and beside it whether it is halted; empty: nothing"
+    id: str = Field("r1", pattern=ID_PATTERN, description="the robot's name on the bus")
+    start: str = Field(
+        "", description="where the robot starts: x,y,floor,yaw_deg in the world; empty: a place chosen by the seed"
     )
-    jpeg_quality: int = Field(90, ge=10, le=100, description="of its observations")
+    start_for: str = Field("", description="start out of sight of this target, and at least 5 m away from it")
+    store: str = Field(
+        "",
+        description="a file that keeps the robot's place and whether it is halted over a restart; empty: neither is kept",
+    )
+    jpeg_quality: int = Field(90, ge=10, le=100, description="JPEG quality of the observations")

@@ -15,8 +15,8 @@ class PictureSettings(BaseSettings):
         None,
         ge=0.01,
         le=100_000,
-        description="hours after which past pictures go from fusion's store, recordings are deleted, "
-        "and runs with reports go at the next demo; not set: the first two have limits of their own alone, and runs stay",
+        description="hours after which past pictures are deleted: from fusion's store, with their recordings, and with the "
+        "reports of older runs when the next demo begins; not set: store and recordings only have their own limits, reports stay",
     )
 
     @property

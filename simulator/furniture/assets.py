@@ -6,7 +6,6 @@ of those we know. Only the plans and models are unpacked; nothing is installed, 
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import io
 import os
@@ -25,6 +24,7 @@ import zstandard
 from surveilnav.config import cache_dir
 from surveilnav.errors import AssetError
 from surveilnav.simulator.furniture.catalog import JAR, LIBRARIES
+from surveilnav.storage import file_lock
 
 PACKAGES: tuple[str, ...] = ("sweethome3d", "sweethome3d-furniture")
 
@@ -61,8 +61,7 @@ def ensure_assets(progress: Progress | None = None, *, cache: Path | None = None
         return root
     say = progress or (lambda _: None)
     try:
-        base.mkdir(parents=True, exist_ok=True)
-        with _locked(base / ".lock"):
+        with file_lock(base / ".lock"):
             if is_complete(root):
                 return root
             with tempfile.TemporaryDirectory(dir=base, prefix="part-") as part:
@@ -98,16 +97,6 @@ def _unpacked(base: Path, part: Path, say: Progress) -> Path:
 def is_complete(root: Path) -> bool:
     """Whether plans and libraries lie there."""
     return (root / JAR).is_file() and any((root / LIBRARIES).glob("*.sh3f"))
-
-
-@contextmanager
-def _locked(path: Path) -> Iterator[None]:
-    with path.open("a") as file:
-        fcntl.flock(file, fcntl.LOCK_EX)
-        try:
-            yield
-        finally:
-            fcntl.flock(file, fcntl.LOCK_UN)
 
 
 def _package_file(package: str, base: Path, part: Path, say: Progress) -> tuple[Path, frozenset[str]]:
@@ -173,11 +162,8 @@ def _index_hashes(package: str) -> frozenset[str]:
 
 
 def _check(deb: Path, package: str, trusted: frozenset[str]) -> None:
-    digest = hashlib.sha256()
     with deb.open("rb") as file:
-        while block := file.read(1 << 20):
-            digest.update(block)
-    found = digest.hexdigest()
+        found = hashlib.file_digest(file, "sha256").hexdigest()
     if found not in trusted | KNOWN_SHA256:
         raise AssetError(
             f"{deb.name} isn't the {package} that apt's index names: expected SHA-256 "

@@ -159,10 +159,6 @@ class Furniture:
         safe = re.sub(r"[^A-Za-z0-9_-]+", "_", path)[-80:]
         return self._cache_dir / f"models-{CACHE_VERSION}" / f"{archive.path.stem}-{safe}-{fingerprint}.npz"
 
-    def names(self, library: str) -> list[str]:
-        """All member names of a library."""
-        return self._archives[library].names()
-
 
 def stretch(size_m: Sequence[float], target_m: Sequence[float]) -> float:
     """How much a size must be distorted to fill another: the spread of the logarithms of its three scales."""

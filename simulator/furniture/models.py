@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import zipfile
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from importlib import resources
 from pathlib import Path, PurePosixPath
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from surveilnav.errors import BuildingError
 from surveilnav.simulator.archive import MAX_TEXTURE_PX, decode_picture
 from surveilnav.simulator.furniture.objfile import MtlMaterial, ObjModel, read_mtl, read_obj
+from surveilnav.simulator.world.assembly import Mesh
 from surveilnav.simulator.world.scene import Material
 from surveilnav.storage import atomic_write
 
@@ -27,35 +28,28 @@ _CUT_LEVELS = 4
 _MAX_CUT_TRIANGLES = 60_000
 
 Reader = Callable[[str], "bytes | None"]
+_ARRAYS = ("vertices", "triangles", "uvs", "material", "group")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Model:
-    """A model in its own frame (y up, any unit): see ``ObjModel`` for the arrays; materials ready for a scene."""
+class Model(Mesh):
+    """A model in its own frame (y up, any unit).
 
-    vertices: NDArray[np.float32]
-    triangles: NDArray[np.int32]
-    uvs: NDArray[np.float32]
-    material: NDArray[np.int32]
+    ``group``: (F,) int32 into ``group_names``, the names that the file gives to its parts.
+    """
+
     group: NDArray[np.int32]
-    materials: tuple[Material, ...]
     group_names: tuple[str, ...]
+
+    def chosen(self, keep: NDArray[np.bool_]) -> Model:
+        """The triangles to ``keep`` (F,); vertices stay, used or not."""
+        arrays = {name: getattr(self, name)[keep] for name in ("triangles", "uvs", "material", "group")}
+        return replace(self, **arrays)
 
     def without_groups(self, drop: Callable[[str], bool]) -> Model:
         """The model without the triangles of the groups that ``drop`` names."""
         dropped = np.array([drop(name) for name in self.group_names], dtype=bool)
-        keep = ~dropped[self.group]
-        if keep.all():
-            return self
-        return Model(
-            self.vertices,
-            self.triangles[keep],
-            self.uvs[keep],
-            self.material[keep],
-            self.group[keep],
-            self.materials,
-            self.group_names,
-        )
+        return self.chosen(~dropped[self.group])
 
 
 @lru_cache(maxsize=1)
@@ -124,7 +118,7 @@ def _with_materials(obj: ObjModel, path: str, read: Reader, max_texture_px: int)
         # A picture keeps its own colours: many MTL files give Kd 0 beside one.
         color = (1.0, 1.0, 1.0) if texture is not None else mtl.color or (0.8, 0.8, 0.8)
         materials.append(Material(name, color, texture, mtl.alpha, mtl.shininess / 128.0))
-    model = Model(obj.vertices, obj.triangles, obj.uvs, obj.material, obj.group, tuple(materials), obj.group_names)
+    model = Model(obj.vertices, obj.triangles, obj.uvs, obj.material, tuple(materials), obj.group, obj.group_names)
     for index, alpha in cuts.items():
         model = _cut_out(model, index, alpha)
     return model
@@ -157,17 +151,15 @@ def _cut_out(model: Model, material: int, alpha: NDArray[np.uint8]) -> Model:
         model.group[chosen],
         alpha,
     )
-    keep = model.material != material
-    first = len(model.vertices)
-    triangles = first + np.arange(3 * len(corners), dtype=np.int32).reshape(-1, 3)
-    return Model(
-        np.concatenate([model.vertices, corners.reshape(-1, 3).astype(np.float32)]),
-        np.concatenate([model.triangles[keep], triangles]),
-        np.concatenate([model.uvs[keep], uv.astype(np.float32)]),
-        np.concatenate([model.material[keep], np.full(len(triangles), material, np.int32)]),
-        np.concatenate([model.group[keep], group]),
-        model.materials,
-        model.group_names,
+    rest = model.chosen(model.material != material)
+    triangles = len(model.vertices) + np.arange(3 * len(corners), dtype=np.int32).reshape(-1, 3)
+    return replace(
+        rest,
+        vertices=np.concatenate([rest.vertices, corners.reshape(-1, 3).astype(np.float32)]),
+        triangles=np.concatenate([rest.triangles, triangles]),
+        uvs=np.concatenate([rest.uvs, uv.astype(np.float32)]),
+        material=np.concatenate([rest.material, np.full(len(triangles), material, np.int32)]),
+        group=np.concatenate([rest.group, group]),
     )
 
 
@@ -192,11 +184,8 @@ def _opaque_parts(
         done.append((corners[full], uv[full], group[full]))
         rest = ~full & ~empty
         corners, uv, group = _quartered(corners[rest]), _quartered(uv[rest]), np.repeat(group[rest], 4)
-    return (
-        np.concatenate([part[0] for part in done]),
-        np.concatenate([part[1] for part in done]),
-        np.concatenate([part[2] for part in done]),
-    )
+    corners, uv, group = (np.concatenate(arrays) for arrays in zip(*done, strict=True))
+    return corners, uv, group
 
 
 def _opaque_samples(uv: NDArray[np.float64], alpha: NDArray[np.uint8]) -> NDArray[np.bool_]:
@@ -223,14 +212,8 @@ def _save_cached(path: Path, model: Model) -> None:
         "groups": model.group_names,
         "materials": [(m.name, m.color, m.alpha, m.shininess, m.texture is not None) for m in model.materials],
     }
-    arrays: dict[str, NDArray] = {
-        "vertices": model.vertices,
-        "triangles": model.triangles,
-        "uvs": model.uvs,
-        "material": model.material,
-        "group": model.group,
-        "meta": np.frombuffer(json.dumps(meta).encode(), np.uint8),
-    }
+    arrays: dict[str, NDArray] = {name: getattr(model, name) for name in _ARRAYS}
+    arrays["meta"] = np.frombuffer(json.dumps(meta).encode(), np.uint8)
     for index, m in enumerate(model.materials):
         if m.texture is not None:
             arrays[f"texture_{index}"] = m.texture
@@ -252,14 +235,7 @@ def _load_cached(path: Path) -> Model | None:
                 )
                 for i, (name, color, alpha, shininess, has) in enumerate(meta["materials"])
             )
-            return Model(
-                stored["vertices"],
-                stored["triangles"],
-                stored["uvs"],
-                stored["material"],
-                stored["group"],
-                materials,
-                tuple(meta["groups"]),
-            )
+            arrays = {name: stored[name] for name in _ARRAYS}
+            return Model(**arrays, materials=materials, group_names=tuple(meta["groups"]))
     except (OSError, ValueError, KeyError, IndexError, TypeError, EOFError, zipfile.BadZipFile):
         return None

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surveilnav.errors import BuildingError
-from surveilnav.simulator.plans.polygons import ear_clip
+from surveilnav.simulator.world.polygons import ear_clip
 
 MAX_VERTICES = 2_000_000
 MAX_TRIANGLES = 2_000_000
@@ -72,7 +72,7 @@ def read_obj(data: bytes, name: str = "model") -> ObjModel:
     lines = _Lines(name)
     text = data.decode("utf-8", errors="replace").replace("\\\r\n", " ").replace("\\\n", " ")
     for line in text.splitlines():
-        lines.take(line)
+        lines.read_line(line)
     xyz, uv = _coordinates(lines)
     index = _indices(lines, len(xyz), len(uv))
     table = _triangles(name, xyz, index, np.array(lines.faces, dtype=np.int64))
@@ -110,8 +110,8 @@ class _Lines:
         self.libraries: list[str] = []
         self._material = self._group = 0
 
-    def take(self, line: str) -> None:
-        """Takes the next line of the file."""
+    def read_line(self, line: str) -> None:
+        """Reads the next line of the file."""
         head, rest = _split(line)
         if head == "v":
             self._vertex(rest, line)

@@ -11,7 +11,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from surveilnav.simulator.plans.assembly import Mesh, MeshBuilder
+from surveilnav.simulator.world.assembly import Mesh, MeshBuilder
 from surveilnav.simulator.world.scene import Material
 
 Color = tuple[float, float, float]
@@ -277,11 +277,9 @@ _MAKERS: dict[str, _Maker] = {
     "stairs": _stairs,
 }
 
-PIECES: tuple[str, ...] = tuple(_MAKERS)
-
 
 def parametric_piece(kind: str, size_m: tuple[float, float, float] | None, rng: np.random.Generator) -> Mesh:
-    """A piece of a kind (one of ``PIECES``; anything else becomes a box) in its local frame.
+    """A piece of a kind (one of ``SIZES_M``; anything else becomes a box) in its local frame.
 
     Args:
         kind: the class, e.g. "bed".

@@ -1,9 +1,10 @@
-"""Meshes become buildings: floors, stairs, named things, one scene."""
+"""Turns a mesh into a building: finds its floors and stairs, and gives each named thing an instance."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,9 +19,9 @@ from surveilnav.simulator.meshes.names import label_of_extra, label_of_node
 from surveilnav.simulator.meshes.things import ANY_SIZE_M, MeshPart, box_of, whole_things
 from surveilnav.simulator.meshes.walkable import find_spots
 from surveilnav.simulator.meshes.wavefront import read_obj_building
-from surveilnav.simulator.plans.assembly import Mesh, SceneBuilder
+from surveilnav.simulator.world.assembly import Mesh, SceneBuilder
 from surveilnav.simulator.world.raycast import RayCaster
-from surveilnav.simulator.world.scene import Floor, Room, Scene, Stair
+from surveilnav.simulator.world.scene import Floor, Room, Scene, Stair, point3
 
 #: glTF's frame (y up) in ours (z up).
 T_WORLD_YUP = np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]], dtype=np.float64)
@@ -61,7 +62,7 @@ def scene_name(stem: str) -> str:
 
 
 def _pieces(glb: Glb, T_world_file: NDArray[np.float64]) -> list[MeshPart]:
-    """One piece per mesh node; a part without a class of its own joins the nearest node above that has one."""
+    """One piece for each node with a mesh. A node without a class of its own joins the nearest ancestor that has one."""
     stated = {n: _stated_label(glb.extras[n]) for mesh in glb.meshes for n in mesh.way}
     classed = {n for n in stated if stated[n] or (stated[n] is None and label_of_node(glb.names[n], ANY_SIZE_M))}
     grouped: dict[int, list[Mesh]] = {}
@@ -91,9 +92,7 @@ def building_of(pieces: Sequence[MeshPart], name: str, source: str, notes: Seque
     Raises:
         BuildingError: nothing there, not of a building's size, or nowhere to stand.
     """
-    pieces = [
-        MeshPart(p.name, p.label, tuple(m for m in p.meshes if len(m.triangles)), p.room, p.model) for p in pieces
-    ]
+    pieces = [replace(p, meshes=tuple(m for m in p.meshes if len(m.triangles))) for p in pieces]
     pieces = [p for p in pieces if p.meshes]
     if not pieces:
         raise BuildingError(f"{name} has no triangles: expected the mesh of a building")
@@ -115,9 +114,8 @@ def building_of(pieces: Sequence[MeshPart], name: str, source: str, notes: Seque
 
 
 def _check_size(pieces: Sequence[MeshPart], name: str) -> None:
-    low = np.min([m.vertices.min(axis=0) for p in pieces for m in p.meshes], axis=0)
-    high = np.max([m.vertices.max(axis=0) for p in pieces for m in p.meshes], axis=0)
-    width, depth, height = (float(v) for v in high - low)
+    low, high = box_of([mesh for piece in pieces for mesh in piece.meshes])
+    width, depth, height = point3(high - low)
     if max(width, depth) > _LARGEST_M or height > _HIGHEST_M or max(width, depth) < _SMALLEST_M:
         raise BuildingError(
             f"{name} is {width:.4g} x {depth:.4g} x {height:.4g} m: not a building's size. Is its unit metres? "
@@ -126,7 +124,7 @@ def _check_size(pieces: Sequence[MeshPart], name: str) -> None:
 
 
 def _about(floors: Sequence[Floor], stairs: Sequence[Stair]) -> list[str]:
-    """What people should know of floors that can't be reached."""
+    """Notes for people on floors that no stair leads to."""
     joined = {f for s in stairs for f in (s.lower_floor, s.upper_floor)}
     lonely = [f"{f.id} ({f.z_m:.2f} m)" for f in floors if f.id not in joined]
     return [f"no stairs found to floor {', '.join(lonely)}"] if len(floors) > 1 and lonely else []
@@ -141,13 +139,11 @@ def _assembled(
     stairs: tuple[Stair, ...],
     notes: list[str],
 ) -> Scene:
-    builder = SceneBuilder(name, rooms=list(rooms), floors=list(floors), stairs=list(stairs), notes=list(notes))
-    builder._max_triangles = MAX_TRIANGLES
+    builder = SceneBuilder(name, list(rooms), list(floors), list(stairs), list(notes), max_triangles=MAX_TRIANGLES)
     for piece in pieces:
         mesh = _joined(piece.meshes)
         low, high = box_of([mesh])
-        size = (float(high[0] - low[0]), float(high[1] - low[1]), float(high[2] - low[2]))
-        label = piece.label if piece.label is not None else label_of_node(piece.name, size)
+        label = piece.label if piece.label is not None else label_of_node(piece.name, point3(high - low))
         floor = _floor_of(floors, float(low[2]), float(high[2]))
         builder.add(mesh, piece.name, label, floor, model=piece.model, room=piece.room)
     return builder.build(source)

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surveilnav.errors import BuildingError
-from surveilnav.simulator.meshes.materials import linear_of
 from surveilnav.simulator.meshes.names import label_of_hm3d
+from surveilnav.simulator.render.tones import to_linear
 from surveilnav.simulator.world.scene import Instance, Material, Scene
 from surveilnav.storage import atomic_write
 
@@ -203,7 +203,7 @@ class _Tree:
 
 def _stored(material: Material, tree: _Tree) -> dict[str, Any]:
     """A material's entry; its picture goes into the tree as PNG."""
-    linear = linear_of(np.array(material.color, dtype=np.float64)).tolist()
+    linear = to_linear(np.array(material.color, dtype=np.float64)).tolist()
     base: dict[str, Any] = {
         "baseColorFactor": [*linear, material.alpha],
         "metallicFactor": 0.0,

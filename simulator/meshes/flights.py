@@ -12,8 +12,8 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 from surveilnav.robot_body import CLIMB_M, HEIGHT_M, clearance_m, fits
 from surveilnav.simulator.meshes.floors import FloorGround
 from surveilnav.simulator.meshes.walkable import Spots
-from surveilnav.simulator.world.geodesic import mark_triangles
-from surveilnav.simulator.world.scene import Scene, Stair
+from surveilnav.simulator.world.geodesic import occupied_cells
+from surveilnav.simulator.world.scene import Scene, Stair, point3
 
 #: The way over a stair runs at most so far over the floors at its ends [m].
 _REACH_M = 2.0
@@ -48,18 +48,8 @@ def _free(scene: Scene, spots: Spots, ground: FloorGround) -> NDArray[np.bool_]:
     grid = spots.grid
     cells = np.zeros(grid.rows * grid.cols, np.bool_)
     cells[spots.column[ground.on]] = True
-    blocked = np.zeros(grid.shape, np.bool_)
-    z = ground.floor.z_m
-    mark_triangles(
-        blocked,
-        scene.vertices,
-        scene.triangles,
-        grid.origin_x_m,
-        grid.origin_y_m,
-        grid.resolution_m,
-        z + CLIMB_M,
-        z + HEIGHT_M,
-    )
+    z_m = ground.floor.z_m
+    blocked = occupied_cells(grid, scene.vertices, scene.triangles, z_m + CLIMB_M, z_m + HEIGHT_M)
     room = np.pad(cells.reshape(grid.shape) & ~blocked, 1)
     free = fits(clearance_m(~room, grid.resolution_m))[1:-1, 1:-1]
     return np.asarray(ground.on & free.ravel()[spots.column])
@@ -112,14 +102,8 @@ def _way(
     while before[way[-1]] >= 0:
         way.append(int(before[way[-1]]))
     points = np.array([spots.p_world(int(spot_of[i])) for i in reversed(way)])
-    first, last = points[0], points[-1]
-    return Stair(
-        lower.floor.id,
-        upper.floor.id,
-        (float(first[0]), float(first[1]), lower.floor.z_m),
-        (float(last[0]), float(last[1]), upper.floor.z_m),
-        _smoothed_length(points),
-    )
+    foot, head = point3([*points[0, :2], lower.floor.z_m]), point3([*points[-1, :2], upper.floor.z_m])
+    return Stair(lower.floor.id, upper.floor.id, foot, head, _smoothed_length(points))
 
 
 def _smoothed_length(points: NDArray[np.float64]) -> float:

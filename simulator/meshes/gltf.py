@@ -22,14 +22,14 @@ from numpy.typing import NDArray
 from surveilnav.errors import BuildingError
 from surveilnav.simulator.meshes import draco
 from surveilnav.simulator.meshes.materials import materials_of, painted, uv_map_of
-from surveilnav.simulator.plans.assembly import Mesh, MeshBuilder
+from surveilnav.simulator.world.assembly import Mesh, MeshBuilder
 from surveilnav.simulator.world.scene import Material
 
 MAX_BYTES = 2 << 30
 MAX_TRIANGLES = 50_000_000
 MAX_HEADER_BYTES = 256 << 20
 #: An array without data stands for zeros: nothing that a building needs.
-_MOST_ZEROS = 1_000_000
+_MAX_ZEROS = 1_000_000
 _JSON, _BIN = 0x4E4F534A, 0x004E4942
 #: Extensions that change where vertices lie: a file that needs another one would be read wrongly.
 _KNOWN = {
@@ -159,7 +159,7 @@ def _check_arrays(path: Path, header: dict[str, Any]) -> None:
     if any("sparse" in accessor for accessor in header.get("accessors", [])):
         raise BuildingError(f"{path} uses sparse accessors, which aren't read: export it without")
     for accessor in header.get("accessors", []):
-        most = 3 * MAX_TRIANGLES if "bufferView" in accessor else _MOST_ZEROS
+        most = 3 * MAX_TRIANGLES if "bufferView" in accessor else _MAX_ZEROS
         if not 0 <= int(accessor["count"]) <= most:
             raise BuildingError(f"{path} has {accessor['count']} entries in one array; at most {most} are read")
 

@@ -25,7 +25,7 @@ from surveilnav.simulator.meshes.gltf import read_glb
 from surveilnav.simulator.meshes.layout import stem_of
 from surveilnav.simulator.meshes.names import label_of_hm3d
 from surveilnav.simulator.meshes.things import MeshPart
-from surveilnav.simulator.plans.assembly import Mesh
+from surveilnav.simulator.world.assembly import Mesh
 from surveilnav.simulator.world.scene import Scene
 
 _EXACT_PX = 16_384
@@ -127,7 +127,7 @@ def _pieces(
             chosen = color == value
             if value > 0 and value not in known:
                 unlisted[value] += int(chosen.sum())
-            parts.setdefault(value if value in known else -1, []).append(_cut(mesh, chosen))
+            parts.setdefault(value if value in known else -1, []).append(mesh.part(chosen))
     pieces = [
         MeshPart(f"{row.name} {row.id}", label_of_hm3d(row.name), tuple(parts[row.color]), f"region {row.region}")
         for row in rows
@@ -144,19 +144,6 @@ def _pieces(
     if absent := sum(row.color not in parts for row in rows):
         notes.append(f"{absent} of {len(rows)} annotated things have no triangle of their own")
     return pieces, notes
-
-
-def _cut(mesh: Mesh, chosen: NDArray[np.bool_]) -> Mesh:
-    if chosen.all():
-        return mesh
-    used, renumbered = np.unique(mesh.triangles[chosen], return_inverse=True)
-    return Mesh(
-        mesh.vertices[used],
-        renumbered.reshape(-1, 3).astype(np.int32),
-        mesh.uvs[chosen],
-        mesh.material[chosen],
-        mesh.materials,
-    )
 
 
 def _colors_of(meshes: list[Mesh], painted: Path) -> tuple[list[NDArray[np.int64]], list[str]]:

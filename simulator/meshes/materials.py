@@ -11,24 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surveilnav.simulator.archive import decode_picture
-from surveilnav.simulator.plans.assembly import Mesh
+from surveilnav.simulator.render.tones import to_srgb
+from surveilnav.simulator.world.assembly import Mesh
 from surveilnav.simulator.world.scene import Material
 
 _MANY_PICTURES = 16
 TEXTURE_PX, _TEXTURE_PX_OF_MANY = 2048, 1024
 #: A palette of vertex colours has so many texels a side.
 _PALETTE = 64
-
-
-def linear_of(srgb: NDArray[np.float64]) -> NDArray[np.float64]:
-    """sRGB 0-1 to linear 0-1 (IEC 61966-2-1)."""
-    return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
-
-
-def srgb_of(linear: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Linear 0-1 to sRGB 0-1, clipped."""
-    c = np.clip(linear, 0.0, 1.0)
-    return np.where(c <= 0.0031308, 12.92 * c, 1.055 * c ** (1 / 2.4) - 0.055)
 
 
 def materials_of(header: dict[str, Any], blob: bytes, max_px: int | None) -> tuple[list[Material], tuple[str, ...]]:
@@ -50,7 +40,7 @@ def materials_of(header: dict[str, Any], blob: bytes, max_px: int | None) -> tup
             if decoded is None:
                 unread.add(image)
         r, g, b, a = (float(v) for v in (*factor, 1.0, 1.0, 1.0, 1.0)[:4])
-        color = srgb_of(np.nan_to_num(np.array([r, g, b])))
+        color = to_srgb(np.nan_to_num(np.array([r, g, b])))
         texture = None if image is None else pictures[image]
         found.append(
             Material(
@@ -110,7 +100,7 @@ def painted(mesh: Mesh, colors: NDArray | None) -> Mesh:
         return mesh
     scale = {"u1": 255.0, "u2": 65535.0}.get(colors.dtype.str[1:], 1.0)
     linear = np.nan_to_num(colors[..., :3].astype(np.float64).mean(axis=1) / scale)
-    rgb = np.round(srgb_of(linear) * 255).astype(np.int64)
+    rgb = np.round(to_srgb(linear) * 255).astype(np.int64)
     for step in (1, 2, 4, 8, 16):  # coarser until the palette holds them
         keys = np.unique((rgb // step) @ np.array([1 << 16, 1 << 8, 1]), return_inverse=True)
         if len(keys[0]) <= _PALETTE**2:

@@ -19,9 +19,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from surveilnav.simulator.furniture.labels import plain_name
 from surveilnav.simulator.meshes.names import label_of_node, whole_of_node
-from surveilnav.simulator.plans.assembly import Mesh
+from surveilnav.simulator.world.assembly import Mesh
+from surveilnav.simulator.world.labels import plain_name
+from surveilnav.simulator.world.scene import point3
 
 #: Large enough for every rule about sizes, where a size isn't known yet.
 ANY_SIZE_M = (1.0, 1.0, 1.0)
@@ -56,11 +57,11 @@ class Sizes:
     """A class's sizes [m], see ``data/thing_sizes.json``."""
 
     body: tuple[float, float]
-    most: tuple[float, float]
+    max_size: tuple[float, float]
 
 
-class _Whole(NamedTuple):
-    """Parts that are one thing: their numbers, those of its bodies, its box (2, 3)."""
+class _PartGroup(NamedTuple):
+    """Parts that were found to be one thing: their numbers, the numbers of its bodies, and its box (2, 3) [m]."""
 
     members: list[int]
     bodies: list[int]
@@ -72,14 +73,17 @@ def thing_sizes() -> dict[str, Sizes]:
     """Sizes by class."""
     text = resources.files("surveilnav.simulator.furniture").joinpath("data/thing_sizes.json").read_text("utf-8")
     return {
-        label: Sizes((row["body"][0], row["body"][1]), (row["most"][0], row["most"][1]))
+        label: Sizes((row["body"][0], row["body"][1]), (row["max"][0], row["max"][1]))
         for label, row in json.loads(text).items()
         if label != "about"
     }
 
 
 def whole_things(pieces: Sequence[MeshPart]) -> list[MeshPart]:
-    """The pieces, parts of one thing put together. What a file states itself (``label``) is left as it is."""
+    """Puts together the pieces that are parts of one thing; returns the pieces that result.
+
+    A piece whose class the file states itself (``label``) stays as it is.
+    """
     kinds: dict[str, list[int]] = {}
     for number, piece in enumerate(pieces):
         solid = bool(piece.meshes) and all(len(mesh.vertices) for mesh in piece.meshes)
@@ -93,7 +97,7 @@ def whole_things(pieces: Sequence[MeshPart]) -> list[MeshPart]:
         boxes = np.array([box_of(pieces[number].meshes) for number in numbers])
         names = [plain_name(pieces[number].name) for number in numbers]
         for group in groups_of(boxes, names, thing_sizes()[kind]):
-            whole = _whole([pieces[numbers[member]] for member in group], kind)
+            whole = _merged([pieces[numbers[member]] for member in group], kind)
             if whole is not None:
                 changed.update((numbers[member], None) for member in group)
                 changed[numbers[min(group)]] = whole
@@ -102,36 +106,40 @@ def whole_things(pieces: Sequence[MeshPart]) -> list[MeshPart]:
 
 
 def groups_of(boxes: Boxes, names: Sequence[str], sizes: Sizes) -> list[list[int]]:
-    """Which parts of one class are one thing: groups of at least two of their numbers, the largest body first.
+    """Finds which parts of one class are one thing. Returns groups of at least two part numbers, the largest body first.
 
     Args:
         boxes: (N, 2, 3) low and high corners [m], z up.
-        names: without numbers: bodies of one name are told apart by them.
-        sizes: of the class.
+        names: of the parts, without numbering; bodies of one name that lie above each other are two things.
+        sizes: of things of the class.
     """
     ground = np.sort(boxes[:, 1, :2] - boxes[:, 0, :2], axis=1)
     is_body = np.all(ground >= np.array(sizes.body) - 1e-6, axis=1)
     largest_first = [int(n) for n in np.argsort(-ground.prod(axis=1), kind="stable")]
-    wholes: list[_Whole] = []
+    groups: list[_PartGroup] = []
     for n in largest_first:
-        if is_body[n] and not _join(wholes, n, boxes, names, sizes, body=True):
-            wholes.append(_Whole([n], [n], boxes[n]))
+        if is_body[n] and not _join(groups, n, boxes, names, sizes, body=True):
+            groups.append(_PartGroup([n], [n], boxes[n]))
     loose = [n for n in largest_first if not is_body[n]]
     for _ in range(MAX_STEPS):
-        loose = [n for n in loose if not _join(wholes, n, boxes, names, sizes, body=False)]
-    return [whole.members for whole in wholes if len(whole.members) > 1]
+        loose = [n for n in loose if not _join(groups, n, boxes, names, sizes, body=False)]
+    return [whole.members for whole in groups if len(whole.members) > 1]
 
 
-def _join(wholes: list[_Whole], n: int, boxes: Boxes, names: Sequence[str], sizes: Sizes, *, body: bool) -> bool:
-    """Adds part ``n`` to the thing that grows least by it; False where it belongs to none."""
-    if not wholes:
+def _join(groups: list[_PartGroup], n: int, boxes: Boxes, names: Sequence[str], sizes: Sizes, *, body: bool) -> bool:
+    """Adds part ``n`` to the group whose box grows least by it. Returns False if the part fits no group."""
+    if not groups:
         return False
     box = boxes[n]
-    those = np.array([whole.box for whole in wholes])
+    those = np.array([whole.box for whole in groups])
     low, high = np.minimum(those[:, 0], box[0]), np.maximum(those[:, 1], box[1])
     gap = np.maximum(those[:, 0], box[0]) - np.minimum(those[:, 1], box[1])
     joint = high - low
-    fits = (gap <= TOUCH_M).all(axis=1) & (joint[:, :2].max(axis=1) <= sizes.most[0]) & (joint[:, 2] <= sizes.most[1])
+    fits = (
+        (gap <= TOUCH_M).all(axis=1)
+        & (joint[:, :2].max(axis=1) <= sizes.max_size[0])
+        & (joint[:, 2] <= sizes.max_size[1])
+    )
     if body:
         shared = np.maximum(-gap[:, :2], 0).prod(axis=1)
         smaller = np.minimum((those[:, 1] - those[:, 0])[:, :2].prod(axis=1), (box[1] - box[0])[:2].prod())
@@ -140,16 +148,17 @@ def _join(wholes: list[_Whole], n: int, boxes: Boxes, names: Sequence[str], size
     # A leg belongs to the seat above it before it belongs to the chair beside it.
     rank = np.lexsort((grown[:, 2], grown[:, :2].sum(axis=1)))
     for index in rank[fits[rank]]:
-        whole = wholes[index]
+        whole = groups[index]
         if not (body and _are_two(boxes, names, n, whole.bodies)):
             bodies = [*whole.bodies, n] if body else whole.bodies
-            wholes[index] = _Whole([*whole.members, n], bodies, np.stack([low[index], high[index]]))
+            groups[index] = _PartGroup([*whole.members, n], bodies, np.stack([low[index], high[index]]))
             return True
     return False
 
 
 def _are_two(boxes: Boxes, names: Sequence[str], n: int, others: Sequence[int]) -> bool:
-    """Whether a body and one of others are two things: of one size side by side, or above each other and of one name."""
+    """Whether a body is another thing than one of ``others``: two of one size stand side by side, or two of one size and name
+    lie above each other (stacked chairs)."""
     those, box = boxes[others], boxes[n]
     sizes, size = those[:, 1] - those[:, 0], box[1] - box[0]
     sizes[:, :2].sort(axis=1)
@@ -160,11 +169,12 @@ def _are_two(boxes: Boxes, names: Sequence[str], n: int, others: Sequence[int]) 
     return bool((alike & (apart[:, :2].any(axis=1) | (apart[:, 2] & namesakes))).any())
 
 
-def _whole(parts: Sequence[MeshPart], kind: str) -> MeshPart | None:
-    """One piece of all parts, by the words that all names begin with; None where its size isn't the class's."""
+def _merged(parts: Sequence[MeshPart], kind: str) -> MeshPart | None:
+    """Merges parts into one piece, named by the words that all their names begin with. Returns None if no name says the class
+    at the size of the whole."""
     meshes = tuple(mesh for part in parts for mesh in part.meshes)
     low, high = box_of(meshes)
-    size = (float(high[0] - low[0]), float(high[1] - low[1]), float(high[2] - low[2]))
+    size = point3(high - low)
     words = zip(*(re.split(r"(?<=[_.\-\s])", part.name) for part in parts), strict=False)
     common = "".join(word[0] for word in takewhile(lambda same: len(set(same)) == 1, words)).rstrip("_.- ")
     name = next((n for n in (common, *(part.name for part in parts)) if label_of_node(n, size) == kind), None)

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path, PurePosixPath
 
-import numpy as np
-
 from surveilnav.errors import BuildingError
 from surveilnav.simulator.archive import MAX_MEMBER_BYTES
 from surveilnav.simulator.furniture.models import load_model
 from surveilnav.simulator.meshes.materials import TEXTURE_PX
-from surveilnav.simulator.plans.assembly import Mesh
+from surveilnav.simulator.world.assembly import Mesh
 
 MAX_BYTES = 2 << 30
 
@@ -40,13 +38,6 @@ def read_obj_building(path: Path) -> list[tuple[str, Mesh]]:
     for number, name in enumerate(model.group_names):
         chosen = model.group == number
         if chosen.any():
-            used, renumbered = np.unique(model.triangles[chosen], return_inverse=True)
-            mesh = Mesh(
-                model.vertices[used],
-                renumbered.reshape(-1, 3).astype(np.int32),
-                model.uvs[chosen],
-                model.material[chosen],
-                model.materials,
-            )
+            mesh = model.part(chosen)
             found.append((name or "building", mesh))
     return found

@@ -1,4 +1,4 @@
-"""Ground that a plan means and doesn't draw: what its walls enclose and no room covers.
+"""Finds ground that a plan implies without drawing it: whatever its walls enclose and no room covers.
 
 Many people draw walls and no rooms, or rooms for some of the floor only. All of it happens on cells of 5 cm on multiples
 of 5 cm, the cells in which robots' ground is measured too; on larger ones where a storey spans more than 100 m.
@@ -17,7 +17,7 @@ from scipy import ndimage
 
 from surveilnav.errors import BuildingError
 from surveilnav.geometry import Grid
-from surveilnav.simulator.plans.polygons import Polygon, contains, signed_area
+from surveilnav.simulator.world.polygons import Polygon, contains, signed_area
 
 #: Sides of cells that are tried [m]; a storey of more than ``MAX_CELLS`` of the largest isn't filled: 400 x 400 m.
 _CELLS_M = (0.05, 0.1, 0.2)
@@ -53,15 +53,12 @@ class Ground:
     is_area: bool
 
 
-def find_ground(
-    walls: Sequence[Polygon], rooms: Sequence[Polygon], voids: Sequence[Polygon] = ()
-) -> tuple[Ground, ...]:
+def find_ground(walls: Sequence[Polygon], rooms: Sequence[Polygon]) -> tuple[Ground, ...]:
     """The ground of one storey, the largest part first.
 
     Args:
         walls: outlines of its walls, openings not cut out.
         rooms: outlines of whatever has a floor already.
-        voids: outlines of what must stay open.
 
     Raises:
         BuildingError: the storey is too large to fill.
@@ -69,7 +66,7 @@ def find_ground(
     if not walls:
         return ()
     grid = _grid_around([*walls, *rooms])
-    covered = inside([*rooms, *walls, *voids], grid)
+    covered = inside([*rooms, *walls], grid)
     bare = _enclosed([*walls, *rooms], grid) & ~covered
     label, count = ndimage.label(bare, np.ones((3, 3)))
     size_m2 = np.bincount(label.ravel(), minlength=count + 1)[1:] * grid.resolution_m**2
@@ -83,10 +80,10 @@ def find_ground(
 def without_voids(
     parts: Sequence[Ground], rooms: Sequence[Polygon], holes: Sequence[Polygon], below: Sequence[Polygon]
 ) -> tuple[Ground, ...]:
-    """Without the areas of an upper storey that are open to the one below.
+    """Leaves out the areas of an upper storey that are open to the storey below.
 
-    Where rooms are drawn for most of it, what is left out over a room is left out on purpose, but for the landing of a
-    staircase.
+    If rooms are drawn for most of a storey, an area above a room was left undrawn on purpose: it is a void. The landing of a
+    staircase is the exception.
 
     Args:
         parts: what no room covers.

@@ -12,18 +12,18 @@ from surveilnav.errors import BuildingError
 from surveilnav.nouns import detect_language
 from surveilnav.simulator.archive import Archive
 from surveilnav.simulator.furniture.catalog import CREDITS, CatalogModel, Furniture
-from surveilnav.simulator.furniture.labels import TARGETS, label_of, stand_in_of, told_by
 from surveilnav.simulator.furniture.models import Model, load_model
 from surveilnav.simulator.furniture.objfile import EmptyModelError
 from surveilnav.simulator.furniture.parametric import parametric_piece
-from surveilnav.simulator.furniture.placing import Kind, Models, choose, fitted, kind_of, placed, split_kind_of
 from surveilnav.simulator.plans.leaves import without_leaf
 from surveilnav.simulator.plans.openings import beside, is_door, is_moving_part, is_pane, is_stairs, stands_open
 from surveilnav.simulator.plans.outliers import without_outliers
-from surveilnav.simulator.plans.polygons import contains
+from surveilnav.simulator.plans.placing import Kind, Models, choose, fitted, kind_of, placed, split_kind_of
 from surveilnav.simulator.plans.shell import Shell
 from surveilnav.simulator.plans.stairs import IsFloor, find_transit
 from surveilnav.simulator.plans.sweethome import Color, Home, Level, Piece
+from surveilnav.simulator.world.labels import TARGETS, label_of, naming_text, stand_in_of
+from surveilnav.simulator.world.polygons import contains
 from surveilnav.simulator.world.scene import Floor, Material, Scene
 
 _GLASS = Material("glass", (0.8, 0.9, 0.95), alpha=0.15, shininess=0.8)
@@ -59,7 +59,7 @@ def build_home(
 
 
 class _Furnisher(Shell):
-    """Holds what the steps share. The steps are in ``scene``."""
+    """Furnishes a shell. ``scene`` runs all steps in order; the object holds what they share."""
 
     def __init__(
         self,
@@ -93,13 +93,17 @@ class _Furnisher(Shell):
         return self.builder.build(source)
 
     def _place(self, piece: Piece) -> None:
-        """Finds a model for a piece, places it, gives it its label."""
+        """Finds a model for a piece, places it, and labels it.
+
+        Pieces of a kind that is swapped get a model drawn from that kind. Others keep their own model: from the plan's file,
+        else from the libraries. Where none can be had a simple shape stands in.
+        """
         level = self._level(piece.level)
         entry = self.furniture.find(piece.catalog_id, piece.model) if self.furniture is not None else None
         if piece.is_opening:
             self._place_opening(piece, level, entry)
             return
-        title = entry.name if entry is not None else told_by(piece.catalog_id, piece.name)
+        title = entry.name if entry is not None else naming_text(piece.catalog_id, piece.name)
         kind = kind_of(entry.id if entry is not None else piece.catalog_id, piece.size_m)
         named = kind.label if kind is not None else label_of(title, piece.size_m, "" if entry else self.language)
         label = "stairs" if is_stairs(piece) else named
@@ -236,7 +240,7 @@ class _Furnisher(Shell):
     def _stand_in(self, piece: Piece, level: Level, label: str) -> None:
         """A simple shape of the same kind and size."""
         self._missing.append(piece.name or piece.catalog_id or "unnamed")
-        kind = stand_in_of(told_by(piece.catalog_id, piece.name), label)
+        kind = stand_in_of(naming_text(piece.catalog_id, piece.name), label)
         size = (max(piece.size_m[0], 0.01), max(piece.size_m[1], 0.01), max(piece.size_m[2], 0.005))
         mesh = parametric_piece(kind, size, self._rng(f"stand-in|{piece.name}|{size}"))
         c, s = math.cos(piece.yaw_rad), math.sin(piece.yaw_rad)

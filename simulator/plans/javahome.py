@@ -28,7 +28,7 @@ _PARTS = {"modelMaterials": "material", "sashes": "sash"}
 _FURNITURE = ("furnitureWithGroups", "furnitureWithDoorsAndWindows", "furniture")
 #: Around a list: java.util.Collections' views of one, and Arrays.asList.
 _WRAPPED = ("list", "c", "a", "element")
-_MOST_WRAPS = 8
+_MAX_WRAPS = 8
 _MAX_PATH = 1_000
 _UPRIGHT = "1.0 0.0 0.0 0.0 1.0 0.0 0.0 0.0 1.0"
 
@@ -92,7 +92,7 @@ class _Writer:
         for point in self._list(room, "points"):
             if not isinstance(point, list) or len(point) < 2:
                 raise self._wrong(room, "points", point)
-            self._take()
+            self._count_element()
             ET.SubElement(element, "point", x=_text(point[0]), y=_text(point[1]))
         return element
 
@@ -105,7 +105,7 @@ class _Writer:
     def _element(self, tag: str, of: JavaObject, depth: int = 0) -> ET.Element:
         """An element with the object's plain fields as attributes, its textures and parts below."""
         self._refuse_depth(depth)
-        self._take()
+        self._count_element()
         element = ET.Element(tag)
         for name, value in of.fields.items():
             if name in _PARTS and value is not None:
@@ -164,7 +164,7 @@ class _Writer:
     def _list(self, of: JavaObject, name: str) -> list[Any]:
         """An array's elements, or a java.util list's."""
         value = of.fields.get(name)
-        for _ in range(_MOST_WRAPS):
+        for _ in range(_MAX_WRAPS):
             if value is None:
                 return []
             if isinstance(value, list):
@@ -181,7 +181,7 @@ class _Writer:
             value = [value.fields[inner]] if inner == "element" else value.fields[inner]
         raise self._wrong(of, name, value)
 
-    def _take(self) -> None:
+    def _count_element(self) -> None:
         self._left -= 1
         if self._left < 0:
             raise BuildingError(f"{self._source}: more than {self._max_elements} things: refused")

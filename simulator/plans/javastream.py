@@ -109,7 +109,7 @@ class _Reader:
         if self._values > MAX_VALUES:
             self._refuse(f"more than {MAX_VALUES} values")
 
-    def _take(self, count: int) -> bytes:
+    def _read_bytes(self, count: int) -> bytes:
         end = self._at + count
         if not 0 <= count <= len(self._data) - self._at:
             self._refuse(f"{count} more bytes expected, {len(self._data) - self._at} are there")
@@ -117,11 +117,11 @@ class _Reader:
         return taken
 
     def _number(self, code: str) -> Any:
-        return struct.unpack(f">{code}", self._take(struct.calcsize(f">{code}")))[0]
+        return struct.unpack(f">{code}", self._read_bytes(struct.calcsize(f">{code}")))[0]
 
     def _text(self, length_code: str = "H") -> str:
         """A string in Java's modified UTF-8: zero is C0 80, what lies beyond 16 bits is a pair of surrogates."""
-        raw = self._take(self._number(length_code)).replace(b"\xc0\x80", b" ")
+        raw = self._read_bytes(self._number(length_code)).replace(b"\xc0\x80", b" ")
         try:
             text = raw.decode("utf-8", "surrogatepass")
         except UnicodeDecodeError:
@@ -172,7 +172,7 @@ class _Reader:
         if code != _CLASSDESC:
             self._refuse(f"a class expected, the kind 0x{code:02x} found")
         described = _Class(self._text())
-        self._take(8)  # the version of the class
+        self._read_bytes(8)  # the version of the class
         self._new_handle(described)
         described.flags = self._number("B")
         count = self._number("H")
@@ -199,7 +199,7 @@ class _Reader:
             code = self._data[self._at]
             if code in (_BLOCK, _LONG_BLOCK):
                 self._at += 1
-                found.append(self._take(self._number("B" if code == _BLOCK else "i")))
+                found.append(self._read_bytes(self._number("B" if code == _BLOCK else "i")))
             elif code == _END_BLOCK:
                 self._at += 1
                 return found
@@ -249,7 +249,7 @@ class _Reader:
         primitive = _PRIMITIVES.get(name[1])
         if primitive:
             layout = f">{count}{primitive}"
-            elements += struct.unpack(layout, self._take(struct.calcsize(layout)))
+            elements += struct.unpack(layout, self._read_bytes(struct.calcsize(layout)))
         else:
             for _ in range(count):
                 elements.append((yield self._value()))

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from surveilnav.simulator.plans.assembly import Mesh
 from surveilnav.simulator.plans.sweethome import Piece
+from surveilnav.simulator.world.assembly import Mesh
 
 #: Frames keep to this share of the width on both sides, and at least so much [m]; posts of frames are slimmer.
 _SIDE_SHARE, _SIDE_M = 0.2, 0.1
@@ -43,14 +43,7 @@ def without_leaf(mesh: Mesh, piece: Piece, z_floor_m: float) -> Mesh:
     if not fills.any():
         return mesh
     keep = ~_belongs_to_leaf(corners, fills, _parts_of(mesh), _WHOLE_SHARE * piece.size_m[0])
-    used, renumbered = np.unique(mesh.triangles[keep], return_inverse=True)
-    return Mesh(
-        mesh.vertices[used],
-        renumbered.reshape(-1, 3).astype(np.int32),
-        mesh.uvs[keep],
-        mesh.material[keep],
-        mesh.materials,
-    )
+    return mesh.part(keep)
 
 
 def _in_front_of(mesh: Mesh, piece: Piece, z_floor_m: float) -> NDArray[np.float64]:

@@ -9,7 +9,7 @@ from surveilnav.simulator.plans.sweethome import Home, Piece
 
 #: Farther from the walls than any garden's end.
 FAR_M = 100.0
-_MOST_NAMED = 8
+_MAX_NAMED = 8
 
 
 def without_outliers(home: Home) -> tuple[Home, list[str]]:
@@ -27,7 +27,7 @@ def without_outliers(home: Home) -> tuple[Home, list[str]]:
         return home, []
     named = [
         f"{piece.name[:40]!r} at ({piece.x_m:.0f}, {piece.y_m:.0f}) m, {away[id(piece)]:,.0f} m from the walls"
-        for piece in far[:_MOST_NAMED]
+        for piece in far[:_MAX_NAMED]
     ]
     more = f"; and {len(far) - len(named)} more" if len(far) > len(named) else ""
     kept = tuple(piece for piece in home.pieces if away[id(piece)] <= FAR_M)

@@ -1,4 +1,4 @@
-"""Two homes written down in code, with furniture made of boxes: they need no assets and build in a moment.
+"""Two homes of our own, with furniture made of boxes: they need no assets and build in a moment.
 
 ``parametric_flat``: one floor of 10 x 8 m, five rooms. ``parametric_house``: two such floors and a stair.
 The plan is the same for every seed; colours, floor coverings and small things change.
@@ -7,14 +7,17 @@ The plan is the same for every seed; colours, floor coverings and small things c
 from __future__ import annotations
 
 import math
+from functools import lru_cache
+from importlib import resources
 
+import msgspec
 import numpy as np
 
 from surveilnav.simulator.furniture.parametric import SIZES_M, parametric_piece, stair_flight
-from surveilnav.simulator.plans.assembly import SceneBuilder
 from surveilnav.simulator.plans.plan import Opening, Point, Wall, build_wall, wall_outline
 from surveilnav.simulator.plans.slabs import build_skirt, build_slab
 from surveilnav.simulator.render.textures import TILE_M, floor_kind, floor_material, wall_material
+from surveilnav.simulator.world.assembly import SceneBuilder
 from surveilnav.simulator.world.scene import Floor, Material, Room, Scene, Stair
 
 ROOM_HEIGHT_M = 2.5
@@ -25,112 +28,39 @@ _OUTER_M, _INNER_M = 0.2, 0.1
 _STAIR_FOOT = (1.1, 0.65)
 _STAIR_RUN_M, _STAIR_WIDTH_M, _STEPS = 2.64, 0.9, 12
 
-#: Rooms as x0, y0, x1, y1 between the walls' centre lines.
-_ROOMS: dict[str, tuple[float, float, float, float]] = {
-    "living": (0.0, 0.0, 6.0, 3.6),
-    "kitchen": (6.0, 0.0, 10.0, 3.6),
-    "hall": (0.0, 3.6, 10.0, 4.9),
-    "bedroom": (0.0, 4.9, 4.0, 8.0),
-    "bath": (4.0, 4.9, 6.2, 8.0),
-    "study": (6.2, 4.9, 10.0, 8.0),
-}
-
-#: Inner walls: start, end (they butt against the faces of the others).
-_INNER: tuple[tuple[Point, Point], ...] = (
-    ((0.1, 3.6), (9.9, 3.6)),
-    ((0.1, 4.9), (9.9, 4.9)),
-    ((6.0, 0.1), (6.0, 3.55)),
-    ((4.0, 4.95), (4.0, 7.9)),
-    ((6.2, 4.95), (6.2, 7.9)),
-)
-
-#: Openings: x, y, along x (else y), width, foot, top.
-_DOORS = (
-    (4.7, 3.6, True, 0.95, 0.0, 2.1),
-    (8.0, 3.6, True, 0.95, 0.0, 2.1),
-    (6.0, 1.8, False, 1.2, 0.0, 2.2),
-    (2.9, 4.9, True, 0.95, 0.0, 2.1),
-    (5.1, 4.9, True, 0.95, 0.0, 2.1),
-    (7.4, 4.9, True, 0.95, 0.0, 2.1),
-)
-_WINDOWS = (
-    (4.4, 0.0, True, 1.5, 0.9, 2.1),
-    (8.0, 0.0, True, 1.2, 1.0, 2.1),
-    (2.0, 8.0, True, 1.4, 0.9, 2.1),
-    (5.1, 8.0, True, 0.6, 1.4, 2.1),
-    (8.2, 8.0, True, 1.4, 0.9, 2.1),
-    (10.0, 4.25, False, 0.8, 0.9, 2.1),
-)
-
-#: Furniture: class, x, y, the way it looks in quarter turns from -y counter-clockwise, height above the floor.
 _Piece = tuple[str, float, float, int, float]
-_LIVING: tuple[_Piece, ...] = (
-    ("rug", 3.9, 2.0, 0, 0.0),
-    ("couch", 2.5, 3.05, 0, 0.0),
-    ("cabinet", 2.6, 1.42, 2, 0.0),
-    ("tv", 2.6, 1.42, 2, 0.5),
-    ("potted plant", 0.5, 3.1, 0, 0.0),
-    ("lamp", 3.8, 3.3, 0, 0.0),
-)
-_BEDROOM: tuple[_Piece, ...] = (
-    ("bed", 1.2, 6.85, 0, 0.0),
-    ("potted plant", 3.5, 7.5, 0, 0.0),
-    ("bookshelf", 3.75, 6.2, 3, 0.0),
-)
-_BATH: tuple[_Piece, ...] = (
-    ("toilet", 4.55, 7.5, 0, 0.0),
-    ("sink", 5.84, 7.0, 3, 0.0),
-    ("bathtub", 4.45, 5.95, 1, 0.0),
-)
-_STUDY: tuple[_Piece, ...] = (
-    ("dining table", 8.6, 7.4, 0, 0.0),
-    ("chair", 8.6, 6.65, 2, 0.0),
-    ("bookshelf", 6.45, 6.9, 1, 0.0),
-    ("chair", 9.5, 5.4, 3, 0.0),
-    ("potted plant", 9.5, 7.4, 0, 0.0),
-)
-_KITCHEN: tuple[_Piece, ...] = (
-    ("dining table", 7.7, 1.5, 0, 0.0),
-    ("chair", 7.3, 2.15, 0, 0.0),
-    ("chair", 8.1, 2.15, 0, 0.0),
-    ("chair", 7.3, 0.85, 2, 0.0),
-    ("chair", 8.1, 0.85, 2, 0.0),
-    ("refrigerator", 9.5, 0.5, 3, 0.0),
-    ("oven", 9.55, 1.3, 3, 0.0),
-    ("sink", 9.6, 2.1, 3, 0.0),
-)
-_UP_LANDING: tuple[_Piece, ...] = (("couch", 3.0, 3.05, 0, 0.0), ("potted plant", 5.5, 3.1, 0, 0.0))
-_UP_STUDY: tuple[_Piece, ...] = (("bed", 8.9, 6.85, 0, 0.0), ("chair", 6.6, 7.5, 0, 0.0))
-_UP_OFFICE: tuple[_Piece, ...] = (
-    ("dining table", 8.6, 0.6, 0, 0.0),
-    ("chair", 8.6, 1.35, 0, 0.0),
-    ("cabinet", 9.65, 2.4, 3, 0.0),
-    ("tv", 9.65, 2.4, 3, 0.5),
-)
+_Hole = tuple[float, float, bool, float, float, float]
 
-_GROUND = {
-    "living": "Living room",
-    "kitchen": "Kitchen",
-    "hall": "Hall",
-    "bedroom": "Bedroom",
-    "bath": "Bathroom",
-    "study": "Study",
-}
-_UPPER = {
-    "living": "Landing",
-    "kitchen": "Office",
-    "hall": "Upper hall",
-    "bedroom": "Bedroom 2",
-    "bath": "Bathroom 2",
-    "study": "Bedroom 3",
-}
+
+class _FloorPlan(msgspec.Struct, frozen=True):
+    """One floor: its name, the names of its rooms, and its furniture."""
+
+    name: str
+    rooms: dict[str, str]
+    pieces: list[_Piece]
+
+
+class _Plan(msgspec.Struct, frozen=True):
+    """``data/parametric_homes.json``, which says what the numbers are."""
+
+    rooms: dict[str, tuple[float, float, float, float]]
+    inner_walls: list[tuple[Point, Point]]
+    doors: list[_Hole]
+    windows: list[_Hole]
+    floors: list[_FloorPlan]
+
+
+@lru_cache(maxsize=1)
+def _plan() -> _Plan:
+    text = resources.files("surveilnav.simulator.plans").joinpath("data/parametric_homes.json").read_bytes()
+    return msgspec.json.decode(text, type=_Plan)
 
 
 def parametric_flat(seed: int = 0) -> Scene:
     """One floor, 10 x 8 m: living room, kitchen, hall, bedroom, bathroom, study; all six targets."""
     builder = SceneBuilder(f"parametric_flat-s{seed}")
     rng = np.random.default_rng([seed, 1])
-    _add_floor(builder, "0", "Ground floor", 0.0, _GROUND, (*_LIVING, *_KITCHEN, *_BEDROOM, *_BATH, *_STUDY), rng)
+    _add_floor(builder, "0", 0.0, _plan().floors[0], rng)
     builder.credits.append("parametric furniture: SurveilNav, Apache-2.0")
     return builder.build("parametric_flat: written in code, no assets")
 
@@ -141,10 +71,9 @@ def parametric_house(seed: int = 0) -> Scene:
     rng = np.random.default_rng([seed, 2])
     rise = ROOM_HEIGHT_M + SLAB_M
     hole = _stair_hole()
-    ground = (*_LIVING, *_KITCHEN, *_BEDROOM, *_BATH, *_STUDY)
-    _add_floor(builder, "0", "Ground floor", 0.0, _GROUND, ground, rng, ceiling_holes=(hole,))
-    upper = (*_UP_LANDING, *_UP_OFFICE, *_BEDROOM, *_BATH, *_UP_STUDY)
-    _add_floor(builder, "1", "Upper floor", rise, _UPPER, upper, rng, floor_holes=(hole,), railing=True)
+    ground, upper = _plan().floors
+    _add_floor(builder, "0", 0.0, ground, rng, ceiling_holes=(hole,))
+    _add_floor(builder, "1", rise, upper, rng, floor_holes=(hole,))
     _add_stair(builder, rise)
     builder.credits.append("parametric furniture: SurveilNav, Apache-2.0")
     return builder.build("parametric_house: written in code, no assets")
@@ -171,38 +100,35 @@ def _add_stair(builder: SceneBuilder, rise_m: float) -> None:
 def _add_floor(
     builder: SceneBuilder,
     floor: str,
-    name: str,
     z_m: float,
-    room_names: dict[str, str],
-    pieces: tuple[_Piece, ...],
+    plan: _FloorPlan,
     rng: np.random.Generator,
     floor_holes: tuple[np.ndarray, ...] = (),
     ceiling_holes: tuple[np.ndarray, ...] = (),
-    railing: bool = False,
 ) -> None:
-    """One floor: shell, rooms, furniture."""
-    builder.floors.append(Floor(floor, name, z_m, ROOM_HEIGHT_M))
+    """One floor: shell, rooms, furniture. Where stairs come up through it, railings stand around the hole."""
+    builder.floors.append(Floor(floor, plan.name, z_m, ROOM_HEIGHT_M))
     paint, white = wall_material(rng), Material("ceiling", (0.95, 0.95, 0.94))
     _add_walls(builder, floor, z_m, paint)
-    if railing:
+    if floor_holes:
         _add_railings(builder, floor, z_m, paint)
-    _add_rooms(builder, floor, z_m, room_names, white, rng, floor_holes, ceiling_holes)
+    _add_rooms(builder, floor, z_m, plan, white, rng, floor_holes, ceiling_holes)
     for hole in floor_holes:
         builder.add(build_skirt(hole, z_m - SLAB_M, z_m, white), "Edge of the stair hole", "floor", floor)
-    for piece in pieces:
-        _add_piece(builder, floor, z_m, room_names, piece, rng)
+    for piece in plan.pieces:
+        _add_piece(builder, floor, z_m, plan, piece, rng)
 
 
 def _add_walls(builder: SceneBuilder, floor: str, z_m: float, paint: Material) -> None:
     """A clockwise ring of outer walls (joined head to tail, so that they are mitred), then the inner ones."""
     openings = [
         Opening((x, y), 0.0 if along_x else math.pi / 2, width, 0.4, z_m + z0, z_m + z1)
-        for x, y, along_x, width, z0, z1 in (*_DOORS, *_WINDOWS)
+        for x, y, along_x, width, z0, z1 in (*_plan().doors, *_plan().windows)
     ]
     height = (ROOM_HEIGHT_M, ROOM_HEIGHT_M, z_m, paint, paint)
     ring: tuple[Point, ...] = ((0.0, 0.0), (0.0, 8.0), (10.0, 8.0), (10.0, 0.0))
     walls = [Wall(ring[i], ring[(i + 1) % 4], _OUTER_M, *height, (i - 1) % 4, (i + 1) % 4) for i in range(4)]
-    walls += [Wall(a, b, _INNER_M, *height) for a, b in _INNER]
+    walls += [Wall(a, b, _INNER_M, *height) for a, b in _plan().inner_walls]
     for index, wall in enumerate(walls):
         mesh, _ = build_wall(wall, wall_outline(walls, index), openings)
         builder.add(mesh, f"Wall {index + 1}", "wall", floor)
@@ -222,17 +148,17 @@ def _add_rooms(
     builder: SceneBuilder,
     floor: str,
     z_m: float,
-    room_names: dict[str, str],
+    plan: _FloorPlan,
     white: Material,
     rng: np.random.Generator,
     floor_holes: tuple[np.ndarray, ...],
     ceiling_holes: tuple[np.ndarray, ...],
 ) -> None:
     """Floors and ceilings."""
-    for key, (x0, y0, x1, y1) in _ROOMS.items():
+    for key, (x0, y0, x1, y1) in _plan().rooms.items():
         # Floors reach to the centre lines of the walls: no gap in a doorway.
         outline = ((x0, y0), (x1, y0), (x1, y1), (x0, y1))
-        room = room_names[key]
+        room = plan.rooms[key]
         builder.rooms.append(Room(room, floor, outline))
         kind = floor_kind(room, rng)
         covering = floor_material(kind, rng)
@@ -243,7 +169,7 @@ def _add_rooms(
 
 
 def _add_piece(
-    builder: SceneBuilder, floor: str, z_m: float, room_names: dict[str, str], piece: _Piece, rng: np.random.Generator
+    builder: SceneBuilder, floor: str, z_m: float, plan: _FloorPlan, piece: _Piece, rng: np.random.Generator
 ) -> None:
     """A piece of furniture where its line of the table puts it."""
     label, x, y, quarter_turns, above = piece
@@ -251,7 +177,7 @@ def _add_piece(
     c, s = round(math.cos(quarter_turns * math.pi / 2)), round(math.sin(quarter_turns * math.pi / 2))
     T[:2, :2] = [[c, -s], [s, c]]
     T[:3, 3] = (x, y, z_m + above)
-    room = next((room_names[k] for k, (x0, y0, x1, y1) in _ROOMS.items() if x0 <= x < x1 and y0 <= y < y1), "")
+    room = next((plan.rooms[k] for k, (x0, y0, x1, y1) in _plan().rooms.items() if x0 <= x < x1 and y0 <= y < y1), "")
     mesh = parametric_piece(label, SIZES_M[label], rng).moved(T)
     detectable = "" if label in ("bathtub", "bookshelf", "lamp", "cabinet", "rug") else label
     model = f"parametric/{label.replace(' ', '_')}"

@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from surveilnav.simulator.plans.assembly import Mesh, MeshBuilder
-from surveilnav.simulator.plans.polygons import Polygon, intersect_convex, signed_area
+from surveilnav.simulator.world.assembly import Mesh, MeshBuilder
+from surveilnav.simulator.world.polygons import Polygon, intersect_convex, signed_area
 from surveilnav.simulator.world.scene import Material
 
 #: An opening cuts a wall when they are parallel to within this angle; else it only touches the wall's end.
@@ -117,21 +117,16 @@ def _mitre(corner: NDArray, direction: NDArray, side: Polygon, limit_m: float) -
     return point if np.linalg.norm(point - corner) <= limit_m else corner
 
 
-def build_wall(
-    wall: Wall, outline: Polygon, openings: Sequence[Opening], reveal: Material | None = None
-) -> tuple[Mesh, list[tuple[int, Polygon]]]:
-    """The wall's faces with the openings cut through, and the ground left free in each opening that reaches it.
-
-    The second value has (index of the opening, quadrilateral (4, 2)) for openings whose foot lies within 5 cm of
-    the wall's.
-    """
+def build_wall(wall: Wall, outline: Polygon, openings: Sequence[Opening]) -> tuple[Mesh, list[Polygon]]:
+    """The wall's faces with the openings cut through, and the thresholds: the ground (4, 2) left free in each opening whose
+    foot lies within 5 cm of the wall's."""
     if wall.length_m < 1e-4:
         return MeshBuilder().mesh(), []
     sides = _Sides(wall, outline)
     holes = _holes(sides, openings)
-    mesh = _faces(sides, _columns(sides, holes), reveal or wall.left)
+    mesh = _faces(sides, _columns(sides, holes), wall.left)
     thresholds = [
-        (hole.opening, np.array([sides.right(hole.s0), sides.right(hole.s1), sides.left(hole.s1), sides.left(hole.s0)]))
+        np.array([sides.right(hole.s0), sides.right(hole.s1), sides.left(hole.s1), sides.left(hole.s0)])
         for hole in holes
         if abs(hole.z0 - wall.z_m) < 0.05 or hole.z0 < wall.z_m < hole.z0 + 0.5
     ]
@@ -172,13 +167,12 @@ class _Sides:
 
 
 class _Hole(NamedTuple):
-    """What an opening takes of a wall: along it, in height, and the opening's index."""
+    """What an opening takes of a wall, along it and in height [m]."""
 
     s0: float
     s1: float
     z0: float
     z1: float
-    opening: int
 
 
 class _Column(NamedTuple):
@@ -192,14 +186,14 @@ class _Column(NamedTuple):
 def _holes(sides: _Sides, openings: Sequence[Opening]) -> list[_Hole]:
     """Where along the wall and how high the openings cut it."""
     holes: list[_Hole] = []
-    for number, opening in enumerate(openings):
+    for opening in openings:
         span = _span_on_wall(sides.wall, sides.outline, sides.start, sides.along, opening)
         if span is None or sides.low >= sides.high:
             continue
         s0 = sides.first if span[0] <= sides.low else span[0]
         s1 = sides.last if span[1] >= sides.high else span[1]
         if s1 - s0 > 1e-3:
-            holes.append(_Hole(s0, s1, opening.z_low_m, opening.z_high_m, number))
+            holes.append(_Hole(s0, s1, opening.z_low_m, opening.z_high_m))
     return holes
 
 

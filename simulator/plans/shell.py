@@ -11,17 +11,17 @@ from numpy.typing import NDArray
 
 from surveilnav.errors import BuildingError
 from surveilnav.simulator.archive import Archive, decode_picture
-from surveilnav.simulator.furniture.placing import seeded
-from surveilnav.simulator.plans.assembly import Mesh, SceneBuilder
 from surveilnav.simulator.plans.ground import find_ground, without_voids
 from surveilnav.simulator.plans.openings import is_door, is_stairs, opening_of, stair_cut_outline
+from surveilnav.simulator.plans.placing import seeded
 from surveilnav.simulator.plans.plan import Wall, build_wall, wall_outline
-from surveilnav.simulator.plans.polygons import Polygon, contains, signed_area
 from surveilnav.simulator.plans.slabs import build_skirt, build_slab, build_slabs
 from surveilnav.simulator.plans.storeys import at_one_altitude, is_low_or_roof, is_upper, number_storeys, why_no_storey
 from surveilnav.simulator.plans.straight_walls import WallPart, joined, near, parts_of
 from surveilnav.simulator.plans.sweethome import Color, Home, Level, Picture, Piece, PlanRoom
 from surveilnav.simulator.render.textures import TILE_M, floor_kind, floor_material, wall_material
+from surveilnav.simulator.world.assembly import Mesh, SceneBuilder
+from surveilnav.simulator.world.polygons import Polygon, contains, signed_area
 from surveilnav.simulator.world.scene import Floor, Material, Room
 
 _EDGE = Material("edge", (0.85, 0.84, 0.82))
@@ -121,7 +121,7 @@ class Shell:
             level = self._level(plan.level)
             outline = np.array(plan.outline_m)
             title = plan.name or f"Room {number + 1}"
-            self._know_room(title, outline, level, plan.floor, plan.ceiling or plan.level not in self._with_ceilings)
+            self._record_room(title, outline, level, plan.floor, plan.ceiling or plan.level not in self._with_ceilings)
             if plan.floor:
                 self._build_floor(outline, level, title, self._covering(plan, title, coverings))
             if plan.ceiling:
@@ -131,8 +131,8 @@ class Shell:
                 slab = build_slab(outline, z, paint, self._holes_at(z), up=False)
                 self._add(slab, f"Ceiling of {title}", "ceiling", level, room=title)
 
-    def _know_room(self, title: str, outline: Polygon, level: Level, has_floor: bool, is_roofed: bool) -> None:
-        """Remembers a room for what stands in it; the building's rooms are those that one can walk on."""
+    def _record_room(self, title: str, outline: Polygon, level: Level, has_floor: bool, is_roofed: bool) -> None:
+        """Records a room, so that furniture is told its room. A room with a floor becomes one of the building's."""
         self.rooms.append(_DrawnRoom(title, level.z_m, outline, has_floor, is_roofed))
         floor = self.builder.floor(self.floor_of_level[level.id])
         if has_floor and at_one_altitude(level.z_m, floor.z_m):
@@ -170,7 +170,7 @@ class Shell:
         where = level.name or floor.name
         for number, part in enumerate(areas, start=1):
             title = f"Unnamed area{f' {number}' if len(areas) > 1 else ''} on {where}"
-            self._know_room(title, part.outline, level, has_floor=True, is_roofed=True)
+            self._record_room(title, part.outline, level, has_floor=True, is_roofed=True)
             self._build_tiles(part.tiles, level, title, known)
         self._build_tiles(strips, level, f"the gaps between rooms on {where}", known)
 
@@ -242,7 +242,7 @@ class Shell:
             self._add(mesh, title, "wall", level)
             if thresholds:
                 floors = [room.outline for room in self._rooms_at(level.z_m) if room.has_floor]
-            for _, quad in thresholds:  # whatever of it no room covers
+            for quad in thresholds:  # whatever of it no room covers
                 self._add(build_slab(quad, level.z_m, _SILL, floors, up=True), f"Threshold of {title}", "floor", level)
 
     def _straight_walls(self) -> tuple[list[Wall], list[tuple[str, str]]]:
@@ -324,7 +324,10 @@ class _DrawnRoom(NamedTuple):
 
 
 def _levels_with_ceilings(rooms: Sequence[PlanRoom]) -> set[str]:
-    """Levels, as rooms name them, where a hidden ceiling means a terrace or void. Where nearly all are hidden it says nothing."""
+    """Ids of the levels on which a room with a hidden ceiling is a terrace or a void.
+
+    On other levels nearly all ceilings are hidden, so a hidden one says nothing about its room.
+    """
     area_m2: dict[tuple[str, bool], float] = {}
     for room in rooms:
         key = room.level, room.ceiling

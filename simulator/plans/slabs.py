@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from surveilnav.simulator.plans.assembly import Mesh, MeshBuilder
-from surveilnav.simulator.plans.polygons import Polygon, subtract
+from surveilnav.simulator.world.assembly import Mesh, MeshBuilder
+from surveilnav.simulator.world.polygons import Polygon, subtract
 from surveilnav.simulator.world.scene import Material
 
 

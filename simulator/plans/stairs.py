@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from surveilnav.simulator.plans.assembly import Mesh
-from surveilnav.simulator.world.scene import Stair
+from surveilnav.simulator.world.assembly import Mesh
+from surveilnav.simulator.world.scene import Stair, point3
 
 #: A tread is level and at least this large [m²].
 _MIN_TREAD_M2 = 0.04
@@ -69,11 +69,7 @@ def find_transit(
     above = _free_point(steps[-1], steps[-1] - steps[-2], upper[1], meshes, is_floor[1])
     way = np.vstack([below, steps, above])
     length = float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum())
-    return Stair(lower[0], upper[0], _triple(below), _triple(above), length)
-
-
-def _triple(p: NDArray[np.float64]) -> tuple[float, float, float]:
-    return float(p[0]), float(p[1]), float(p[2])
+    return Stair(lower[0], upper[0], point3(below), point3(above), length)
 
 
 def _free_point(

@@ -11,7 +11,6 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from urllib.parse import unquote
-from xml.parsers import expat
 
 from surveilnav.errors import BuildingError
 from surveilnav.simulator.plans.javahome import home_element
@@ -60,15 +59,15 @@ class PlanWall:
     start_m: tuple[float, float]
     end_m: tuple[float, float]
     thickness_m: float
-    height_m: float | None
-    end_height_m: float | None
-    arc_rad: float
-    at_start: str
-    at_end: str
-    left: Color | None
-    right: Color | None
-    left_picture: Picture | None
-    right_picture: Picture | None
+    height_m: float | None = None
+    end_height_m: float | None = None
+    arc_rad: float = 0.0
+    at_start: str = ""
+    at_end: str = ""
+    left: Color | None = None
+    right: Color | None = None
+    left_picture: Picture | None = None
+    right_picture: Picture | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,10 +77,10 @@ class PlanRoom:
     name: str
     level: str
     outline_m: tuple[tuple[float, float], ...]
-    floor: bool
-    ceiling: bool
-    ceiling_color: Color | None
-    floor_picture: Picture | None
+    floor: bool = True
+    ceiling: bool = True
+    ceiling_color: Color | None = None
+    floor_picture: Picture | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,14 +100,13 @@ class Piece:
     z_m: float
     size_m: tuple[float, float, float]
     yaw_rad: float
-    pitch_rad: float
-    roll_rad: float
-    mirrored: bool
-    rotation: tuple[float, ...] | None
-    color: Color | None
-    picture: Picture | None
-    is_opening: bool
-    stair_cut: str
+    pitch_rad: float = 0.0
+    roll_rad: float = 0.0
+    mirrored: bool = False
+    rotation: tuple[float, ...] | None = None
+    color: Color | None = None
+    is_opening: bool = False
+    stair_cut: str = ""
     material_colors: dict[str, Color] = field(default_factory=dict)
 
 
@@ -125,48 +123,46 @@ class Home:
 
 
 def parse_xml(data: bytes, source: str) -> ET.Element:
-    """The root element, without document types, entities or anything from outside.
+    """Parses XML without document types, entities or anything from outside, and returns the root element.
 
     Raises:
-        BuildingError: no XML, or one of those.
+        BuildingError: it isn't well-formed, holds a document type, or exceeds the limits.
     """
-    parser = expat.ParserCreate()
-    watched = _Watched(source, parser)
+    parser = ET.XMLParser(target=_LimitedBuilder(source))
     try:
-        parser.Parse(data, True)
-        return watched.builder.close()
-    except expat.ExpatError as error:
+        parser.feed(data)
+        root: ET.Element = parser.close()
+    except ET.ParseError as error:
         raise BuildingError(f"{source} is no well-formed XML ({error})") from error
     except (AssertionError, LookupError, ValueError) as error:  # LookupError: an encoding that nobody knows
         raise BuildingError(f"{source} is no XML that can be read ({error})") from error
+    return root
 
 
-class _Watched:
-    """Builds a tree from what a parser finds, and refuses what has no place in it."""
+class _LimitedBuilder(ET.TreeBuilder):
+    """Builds a tree without text, and refuses document types and trees that are too large or too deep."""
 
-    def __init__(self, source: str, parser: expat.XMLParserType) -> None:
-        self.builder = ET.TreeBuilder()
+    def __init__(self, source: str) -> None:
+        super().__init__()
         self._source, self._count, self._depth = source, 0, 0
-        parser.StartElementHandler = self._start
-        parser.EndElementHandler = self._end
-        parser.StartDoctypeDeclHandler = self._refuse
-        parser.EntityDeclHandler = self._refuse
-        parser.ExternalEntityRefHandler = lambda *_: 0
 
-    def _start(self, tag: str, attributes: dict[str, str]) -> None:
+    def start(self, tag: str, attributes: dict[str, str]) -> ET.Element:  # type: ignore[override]
         self._count += 1
         self._depth += 1
         if self._count > MAX_ELEMENTS or self._depth > MAX_DEPTH:
             raise BuildingError(
                 f"{self._source}: more than {MAX_ELEMENTS} elements, or nested deeper than {MAX_DEPTH}: refused"
             )
-        self.builder.start(tag, attributes)
+        return super().start(tag, attributes)
 
-    def _end(self, tag: str) -> None:
+    def end(self, tag: str) -> ET.Element:
         self._depth -= 1
-        self.builder.end(tag)
+        return super().end(tag)
 
-    def _refuse(self, *_: object) -> None:
+    def data(self, text: str) -> None:  # type: ignore[override]
+        """Text between elements says nothing in a Home.xml."""
+
+    def doctype(self, *_: object) -> None:
         raise BuildingError(
             f"{self._source}: a document type or entity declaration has no place in a Home.xml: refused"
         )
@@ -242,9 +238,9 @@ def _color(element: ET.Element, name: str, source: str) -> Color | None:
     return ((value >> 16 & 255) / 255, (value >> 8 & 255) / 255, (value & 255) / 255)
 
 
-def _picture(element: ET.Element, attribute: str | None, source: str) -> Picture | None:
+def _picture(element: ET.Element, attribute: str, source: str) -> Picture | None:
     for child in element.findall("texture"):
-        if attribute is None or child.get("attribute") == attribute:
+        if child.get("attribute") == attribute:
             width = _number(child, "width", source, 100.0, 0.1, _LARGE_CM) / 100
             height = _number(child, "height", source, 100.0, 0.1, _LARGE_CM) / 100
             return Picture(_place(child, "image"), width, height)
@@ -362,7 +358,6 @@ def _piece(e: ET.Element, level: str, source: str) -> Piece:
         mirrored=e.get("modelMirrored") == "true",
         rotation=rotation,
         color=_color(e, "color", source),
-        picture=_picture(e, None, source),
         is_opening=e.tag == "doorOrWindow" or e.get("doorOrWindow") == "true",
         stair_cut=e.get("staircaseCutOutShape", ""),
         material_colors={

@@ -8,7 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from surveilnav.simulator.furniture.placing import seeded
+from surveilnav.simulator.plans.placing import seeded
 from surveilnav.simulator.plans.sweethome import Home, Level, Piece, PlanRoom, PlanWall
 from surveilnav.simulator.procedural.floor_plan import OUTSIDE, FloorPlan, Hole, add_windows
 from surveilnav.simulator.procedural.furnish import furnish
@@ -20,6 +20,7 @@ from surveilnav.simulator.procedural.layout import (
     flats_body,
     office_body,
 )
+from surveilnav.simulator.procedural.pieces import PIECES
 from surveilnav.simulator.procedural.rooms import flats_floor, office_floor
 from surveilnav.simulator.procedural.space import FRONTS, Placed, RoomSpace
 from surveilnav.simulator.procedural.statistics import Wanted, draw
@@ -37,41 +38,6 @@ _MAX_AREA_M2 = 1600.0
 _FLOOR_M = _ROOM_HEIGHT_M + _SLAB_M
 _RAIL_M = 0.9
 
-#: The catalogue entry of each kind: what ``furniture.kind_of`` swaps for a model of that kind.
-_CATALOG = {
-    "double bed": "eTeks#bed",
-    "single bed": "eTeks#bed90x190",
-    "bunk bed": "eTeks#bunkBed90x190",
-    "sofa": "eTeks#sofa",
-    "armchair": "eTeks#armchair",
-    "chair": "eTeks#chair",
-    "stool": "eTeks#stool",
-    "toilet": "eTeks#toiletUnit",
-    "tv": "eTeks#flatTV",
-    "tv on a stand": "eTeks#tvUnit",
-    "plant": "eTeks#plant",
-    "table": "eTeks#squareTable",
-    "low table": "eTeks#squareTable",
-    "bedside table": "eTeks#bedsideTable",
-    "refrigerator": "eTeks#fridgeFreezer",
-    "oven": "eTeks#cooker",
-    "kitchen sink": "eTeks#sink",
-    "dishwasher": "eTeks#dishwasher",
-    "kitchen cabinet": "eTeks#kitchenCabinet",
-    "upper cabinet": "eTeks#kitchenUpperCabinet",
-    "washbasin": "eTeks#washbasin",
-    "vanity": "eTeks#washbasinWithCabinet",
-    "bath": "eTeks#fittedBath",
-    "shower": "eTeks#shower",
-    "washing machine": "eTeks#clothesWasher",
-    "bookcase": "eTeks#bookcase",
-    "wardrobe": "eTeks#wardrobe",
-    "chest": "eTeks#chest",
-    "piano": "eTeks#piano",
-    "floor lamp": "eTeks#floorUplight",
-    "desk": "Blend Swap CC-BY#officeTable",
-    "office chair": "Scopia#office_chair",
-}
 #: Catalogue entry, depth, foot and height of what goes into a wall.
 _HOLES = {
     "door": ("eTeks#door", "Door", 0.145, 0.0, 2.085),
@@ -110,10 +76,7 @@ def generated_home(name: str) -> Home:
     for i, floor in enumerate(floors):
         raster, level = raster_of(floor.spaces), f"level{i}"
         walls += _walls(raster, level)
-        rooms += [
-            PlanRoom(s.name, level, inset(raster.outline(k), HALF_M), True, True, None, None)
-            for k, s in enumerate(floor.spaces)
-        ]
+        rooms += [PlanRoom(s.name, level, inset(raster.outline(k), HALF_M)) for k, s in enumerate(floor.spaces)]
         pieces += [_hole_piece(hole, level) for hole in floor.holes]
         if body.stair_hall is not None:
             walls += _rails(body, i, len(floors), level)
@@ -159,35 +122,22 @@ def _has_toilet(floor: FloorPlan, bath: str) -> bool:
 
 
 def _walls(raster: Raster, level: str) -> list[PlanWall]:
+    """The outer walls, joined to a ring, and the inner ones."""
     ring = inset(raster.outline(OUTSIDE), -(OUTER_M - INNER_M) / 2)
-    count = len(ring)
+    n = len(ring)
     walls = [
-        _wall(
+        PlanWall(
             f"{level}o{i}",
             level,
             ring[i],
-            ring[(i + 1) % count],
+            ring[(i + 1) % n],
             OUTER_M,
-            None,
-            f"{level}o{(i - 1) % count}",
-            f"{level}o{(i + 1) % count}",
+            at_start=f"{level}o{(i - 1) % n}",
+            at_end=f"{level}o{(i + 1) % n}",
         )
-        for i in range(count)
+        for i in range(n)
     ]
-    return walls + [_wall(f"{level}i{i}", level, a, b, INNER_M) for i, (a, b) in enumerate(raster.inner_walls())]
-
-
-def _wall(
-    id_: str,
-    level: str,
-    start: tuple[float, float],
-    end: tuple[float, float],
-    thickness: float,
-    height: float | None = None,
-    before: str = "",
-    after: str = "",
-) -> PlanWall:
-    return PlanWall(id_, level, start, end, thickness, height, height, 0.0, before, after, None, None, None, None)
+    return walls + [PlanWall(f"{level}i{i}", level, a, b, INNER_M) for i, (a, b) in enumerate(raster.inner_walls())]
 
 
 def _hole_piece(hole: Hole, level: str) -> Piece:
@@ -197,53 +147,12 @@ def _hole_piece(hole: Hole, level: str) -> Piece:
     out = (OUTER_M - INNER_M) / 2 + max(0.0, (depth - OUTER_M) / 2) if OUTSIDE in hole.rooms else 0.0
     x, y = round(hole.x - fx * out, 3), round(hole.y - fy * out, 3)
     size = (hole.width_m, depth, height)
-    return _plain(title, level, catalog, x, y, foot, size, hole.quarter * math.pi / 2, opening=True)
+    return Piece(title, level, catalog, "", x, y, foot, size, hole.quarter * math.pi / 2, is_opening=True)
 
 
-def _piece(placed: Placed, level: str) -> Piece:
-    return _plain(
-        placed.kind.capitalize(),
-        level,
-        _CATALOG[placed.kind],
-        placed.x,
-        placed.y,
-        placed.z_m,
-        placed.size_m,
-        placed.quarter * math.pi / 2,
-    )
-
-
-def _plain(
-    title: str,
-    level: str,
-    catalog: str,
-    x: float,
-    y: float,
-    z: float,
-    size: tuple[float, float, float],
-    yaw: float,
-    *,
-    opening: bool = False,
-    cut: str = "",
-) -> Piece:
+def _piece(p: Placed, level: str) -> Piece:
     return Piece(
-        name=title,
-        level=level,
-        catalog_id=catalog,
-        model="",
-        x_m=x,
-        y_m=y,
-        z_m=z,
-        size_m=size,
-        yaw_rad=yaw,
-        pitch_rad=0.0,
-        roll_rad=0.0,
-        mirrored=False,
-        rotation=None,
-        color=None,
-        picture=None,
-        is_opening=opening,
-        stair_cut=cut,
+        p.kind.capitalize(), level, PIECES[p.kind].catalog, "", p.x, p.y, p.z_m, p.size_m, p.quarter * math.pi / 2
     )
 
 
@@ -264,17 +173,9 @@ def _stair_piece(body: Body, floor: int, level: str) -> Piece:
     assert body.stair_hall is not None
     r = flight_rect(body, floor)
     quarter = {"south": 0, "east": 1, "north": 2, "west": 3}[body.stair_hall.corridor]
-    return _plain(
-        "Staircase",
-        level,
-        "eTeks#staircase",
-        (r.x0 + r.x1) / 2,
-        (r.y0 + r.y1) / 2,
-        0.0,
-        (STAIR_WIDTH_M, STAIR_RUN_M, _FLOOR_M + 1.0),
-        quarter * math.pi / 2,
-        cut="M0,0 v1 h1 v-1 z",
-    )
+    x, y, size = (r.x0 + r.x1) / 2, (r.y0 + r.y1) / 2, (STAIR_WIDTH_M, STAIR_RUN_M, _FLOOR_M + 1.0)
+    yaw_rad = quarter * math.pi / 2
+    return Piece("Staircase", level, "eTeks#staircase", "", x, y, 0.0, size, yaw_rad, stair_cut="M0,0 v1 h1 v-1 z")
 
 
 def _rails(body: Body, floor: int, floors: int, level: str) -> list[PlanWall]:
@@ -291,7 +192,7 @@ def _rails(body: Body, floor: int, floors: int, level: str) -> list[PlanWall]:
     for k, ((a, b), (c, d)) in enumerate(lines):
         p, q = hall.cell(a, a + 1, b, b + 1), hall.cell(c, c + 1, d, d + 1)
         start, end = _corner(hall.corridor, p), _corner(hall.corridor, q)
-        walls.append(_wall(f"{level}r{k}", level, start, end, 0.05, _RAIL_M))
+        walls.append(PlanWall(f"{level}r{k}", level, start, end, 0.05, _RAIL_M, _RAIL_M))
     return walls
 
 

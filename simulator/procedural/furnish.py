@@ -4,70 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from surveilnav.simulator.procedural.pieces import PIECES
 from surveilnav.simulator.procedural.space import FRONTS, Placed, RoomSpace
 from surveilnav.simulator.procedural.statistics import Size, Wanted
 
-#: Ground before a piece that stays free of others [m]; 0.4 for what isn't named.
-_FRONT_M = {
-    "double bed": 0.45,
-    "single bed": 0.3,
-    "bunk bed": 0.4,
-    "sofa": 0.9,
-    "toilet": 0.45,
-    "washbasin": 0.5,
-    "vanity": 0.5,
-    "wardrobe": 0.6,
-    "bath": 0.35,
-    "plant": 0.0,
-    "floor lamp": 0.0,
-    "bedside table": 0.0,
-    "chair": 0.15,
-    "stool": 0.0,
-    "armchair": 0.4,
-    "tv on a stand": 0.8,
-    "piano": 0.7,
-    "upper cabinet": 0.0,
-    "low table": 0.0,
-}
-_IN_CORNERS = ("plant", "floor lamp", "shower", "single bed", "bunk bed", "wardrobe", "toilet")
+_ORDER = list(PIECES)
 #: What a small thing may stand on, the best first.
 _TOPS = ("chest", "low table", "bedside table", "table", "desk", "kitchen cabinet", "vanity")
-#: Large and important pieces first: a room may be too small for all.
-_ORDER = (
-    "bath",
-    "shower",
-    "toilet",
-    "vanity",
-    "washbasin",
-    "refrigerator",
-    "kitchen sink",
-    "oven",
-    "dishwasher",
-    "kitchen cabinet",
-    "double bed",
-    "bunk bed",
-    "single bed",
-    "bedside table",
-    "sofa",
-    "tv on a stand",
-    "chest",
-    "tv",
-    "table",
-    "desk",
-    "low table",
-    "armchair",
-    "wardrobe",
-    "bookcase",
-    "piano",
-    "washing machine",
-    "office chair",
-    "chair",
-    "stool",
-    "plant",
-    "floor lamp",
-    "plant on top",
-    "upper cabinet",
-)
 _KITCHEN = ("refrigerator", "kitchen sink", "oven", "dishwasher", "kitchen cabinet")
 #: Where a table is to work at, not to dine at.
 _DESK_ROOMS = ("bedroom", "study", "office", "open office")
@@ -75,7 +18,7 @@ _GAP_M = 0.03
 
 
 def furnish(space: RoomSpace, type_: str, wanted: list[Wanted], rng: np.random.Generator) -> None:
-    """Places what fits of ``wanted``; ``space.pieces`` has it then."""
+    """Places as many of the ``wanted`` pieces as fit; adds them to ``space.pieces``."""
     todo = sorted(wanted, key=lambda w: _ORDER.index(w.kind))
     if any(w.kind in _KITCHEN for w in todo) and type_ in ("kitchen", "kitchenette"):
         todo = _kitchen_run(space, todo, rng)
@@ -103,8 +46,8 @@ def furnish(space: RoomSpace, type_: str, wanted: list[Wanted], rng: np.random.G
                 want.kind,
                 want.size_m,
                 rng,
-                front_m=_FRONT_M.get(want.kind, 0.4),
-                corner=want.kind in _IN_CORNERS,
+                front_m=PIECES[want.kind].front_m,
+                corner=PIECES[want.kind].in_corner,
                 facing=facing,
             )
 

@@ -131,7 +131,7 @@ class RoomSpace:
         return any(r.x0 <= x <= r.x1 and r.y0 <= y <= r.y1 for r in self.rects)
 
     def _cost(self, piece: Placed, corner: bool, facing: Placed | None) -> float:
-        """How far a place is from what was asked for."""
+        """How badly a place suits the request: 0 is best."""
         if facing is not None:
             (fx, fy), (gx, gy) = FRONTS[piece.quarter], FRONTS[facing.quarter]
             aside = abs(piece.x - facing.x) if fy else abs(piece.y - facing.y)

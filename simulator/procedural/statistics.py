@@ -1,120 +1,76 @@
 """What stands in a room: drawn from what stands in the rooms of the train homes (``data/room_statistics.json``).
 
-The train homes have no offices. Their rooms start from the nearest type and add what ``_ASSUMED`` says: a desk and a
-chair for every 7 to 9 m2, a table and chairs to meet at, a bed in the first aid room.
+The train homes have no offices. An office's rooms start from the type that they are most like, and ``data/assumed_rooms.json``
+says what they lack and have besides: a desk and a chair for every 7 to 9 m², a table and chairs to meet at.
 """
 
 from __future__ import annotations
 
-import json
-from dataclasses import dataclass
 from functools import lru_cache
 from importlib import resources
+from typing import NamedTuple
 
+import msgspec
 import numpy as np
 
 Size = tuple[float, float, float]
 
 
-@dataclass(frozen=True, slots=True)
-class Share:
-    """``share`` of the rooms have a kind; those have ``count`` of it on average, each about ``size_m``."""
+class Share(msgspec.Struct, frozen=True):
+    """``share`` of the rooms have a kind of piece, each about ``size_m``; those have ``count`` of it on average, or one for
+    every ``m2_each`` [m²] where that is above 0."""
 
     share: float
-    count: float
     size_m: Size
+    count: float = 1.0
+    m2_each: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
-class RoomStatistics:
-    """A type of room in the train homes."""
+class RoomStatistics(msgspec.Struct, frozen=True):
+    """A type of room in the train homes. ``area_m2``: its "min", "mean" and "max"."""
 
-    mean_area_m2: float
+    rooms: int
+    area_m2: dict[str, float]
     pieces: dict[str, Share]
 
 
-@dataclass(frozen=True, slots=True)
-class Wanted:
+class AssumedRoom(msgspec.Struct, frozen=True):
+    """A type of room that no train home has: which type it is ``like``, what it lacks of that, and what it has besides."""
+
+    like: str
+    without: list[str]
+    more: dict[str, Share]
+
+
+class Wanted(NamedTuple):
     """A piece that a room should have."""
 
     kind: str
     size_m: Size
 
 
-_DESK, _OFFICE_CHAIR = (1.5, 0.75, 0.75), (0.62, 0.62, 0.95)
-_PLANT, _TV = (0.5, 0.45, 1.03), (1.21, 0.2, 0.75)
-_CHAIR: Size = (0.42, 0.45, 0.9)
+class _Measured(msgspec.Struct):
+    rooms: dict[str, RoomStatistics]
 
-#: Types that no train home has: the type that they start from, what they don't have of it, and what they have besides
-#: (share of rooms, number of pieces, or m2 per piece where negative, size).
-_ASSUMED: dict[str, tuple[str, tuple[str, ...], dict[str, tuple[float, float, Size]]]] = {
-    "office": (
-        "study",
-        ("table", "chair", "sofa", "low table", "bookcase", "floor lamp"),
-        {
-            "desk": (1.0, -9.0, _DESK),
-            "office chair": (1.0, -9.0, _OFFICE_CHAIR),
-            "bookcase": (0.7, 1.5, (1.02, 0.4, 2.11)),
-            "chair": (0.3, 1.5, _CHAIR),
-            "sofa": (0.08, 1.0, (1.7, 0.85, 0.87)),
-            "plant": (0.25, 1.2, _PLANT),
-            "plant on top": (0.15, 1.0, (0.24, 0.22, 0.49)),
-            "tv": (0.04, 1.0, _TV),
-        },
-    ),
-    "open office": (
-        "study",
-        ("table", "chair", "sofa", "low table", "bookcase", "floor lamp"),
-        {
-            "desk": (1.0, -7.0, _DESK),
-            "office chair": (1.0, -7.0, _OFFICE_CHAIR),
-            "bookcase": (0.8, 2.0, (1.02, 0.4, 2.11)),
-            "plant": (0.5, 1.5, _PLANT),
-            "tv": (0.1, 1.0, _TV),
-        },
-    ),
-    "meeting": (
-        "",
-        (),
-        {
-            "table": (1.0, 1.0, (2.2, 1.0, 0.74)),
-            "chair": (1.0, 7.0, _CHAIR),
-            "tv": (0.5, 1.0, _TV),
-            "plant": (0.3, 1.2, _PLANT),
-            "chest": (0.4, 1.0, (1.2, 0.5, 0.8)),
-        },
-    ),
-    "lounge": ("living", ("piano", "bookcase"), {}),
-    "kitchenette": ("kitchen", ("washing machine", "wardrobe"), {}),
-    "washroom": ("", (), {"washbasin": (1.0, 2.0, (0.56, 0.47, 0.97))}),
-    "first aid": (
-        "",
-        (),
-        {
-            "single bed": (1.0, 1.0, (0.95, 2.0, 0.7)),
-            "chair": (0.8, 1.0, _CHAIR),
-            "washbasin": (1.0, 1.0, (0.56, 0.47, 0.97)),
-            "wardrobe": (0.5, 1.0, (0.9, 0.5, 1.7)),
-        },
-    ),
-    "corridor": ("hall", (), {"plant": (0.35, 1.5, _PLANT), "chair": (0.15, 2.0, _CHAIR)}),
-}
+
+class _Assumed(msgspec.Struct):
+    rooms: dict[str, AssumedRoom]
+
+
+def _data(name: str) -> bytes:
+    return resources.files("surveilnav.simulator.procedural").joinpath(f"data/{name}.json").read_bytes()
 
 
 @lru_cache(maxsize=1)
 def room_statistics() -> dict[str, RoomStatistics]:
-    """The table by type of room."""
-    text = resources.files("surveilnav.simulator.procedural").joinpath("data/room_statistics.json").read_text("utf-8")
-    return {
-        type_: RoomStatistics(
-            row["area_m2"]["mean"],
-            {
-                k: Share(p["share"], p["count"], (p["size_m"][0], p["size_m"][1], p["size_m"][2]))
-                for k, p in row["pieces"].items()
-            },
-        )
-        for type_, row in json.loads(text)["rooms"].items()
-    }
+    """The measured rooms by type."""
+    return msgspec.json.decode(_data("room_statistics"), type=_Measured).rooms
+
+
+@lru_cache(maxsize=1)
+def assumed_rooms() -> dict[str, AssumedRoom]:
+    """The assumed rooms by type."""
+    return msgspec.json.decode(_data("assumed_rooms"), type=_Assumed).rooms
 
 
 def draw(type_: str, area_m2: float, rng: np.random.Generator) -> list[Wanted]:
@@ -122,20 +78,20 @@ def draw(type_: str, area_m2: float, rng: np.random.Generator) -> list[Wanted]:
 
     A kind is there with its share; how many there are grows with the area, within a factor of 1.6 of the homes' rooms.
     """
-    base, without, more = _ASSUMED.get(type_, (type_, (), {}))
+    room = assumed_rooms().get(type_) or AssumedRoom(type_, [], {})
     wanted: list[Wanted] = []
-    if base:
-        rooms = room_statistics()[base]
-        growth = float(np.clip(area_m2 / rooms.mean_area_m2, 0.5, 1.6))
+    if room.like:
+        like = room_statistics()[room.like]
+        growth = float(np.clip(area_m2 / like.area_m2["mean"], 0.5, 1.6))
         table = rng.random()  # chairs come with tables
-        for kind, share in rooms.pieces.items():
+        for kind, piece in like.pieces.items():
             chance = table if kind in ("table", "chair") else rng.random()
-            if kind not in without and kind not in more and chance < share.share:
-                wanted += [_sized(kind, share.size_m, rng)] * _number(share.count, growth, rng)
-    for kind, (share_of_rooms, number, size) in more.items():
-        if rng.random() < share_of_rooms:
-            count = max(1, int(area_m2 / -number)) if number < 0 else _number(number, 1.0, rng)
-            wanted += [_sized(kind, size, rng)] * count
+            if kind not in room.without and kind not in room.more and chance < piece.share:
+                wanted += [_sized(kind, piece.size_m, rng)] * _number(piece.count, growth, rng)
+    for kind, piece in room.more.items():
+        if rng.random() < piece.share:
+            count = max(1, int(area_m2 / piece.m2_each)) if piece.m2_each else _number(piece.count, 1.0, rng)
+            wanted += [_sized(kind, piece.size_m, rng)] * count
     return _sensible(type_, wanted, rng)
 
 
@@ -153,7 +109,7 @@ _BEDS = ("double bed", "single bed", "bunk bed")
 
 
 def _sensible(type_: str, wanted: list[Wanted], rng: np.random.Generator) -> list[Wanted]:
-    """Shares are drawn one by one: put right what that makes absurd (two sorts of bed, no bed, two baths in a row)."""
+    """Corrects absurd combinations, which come about because each kind is drawn by itself: two sorts of bed, or none."""
     if type_ == "bedroom":
         table = room_statistics()["bedroom"].pieces
         weights = np.array([table[b].share for b in _BEDS])

@@ -18,14 +18,14 @@ _threads = os.cpu_count() or 1
 
 
 def use_threads(n: int) -> None:
-    """Renders on so many threads from now on: one where processes already fill the cores, as handing bands to threads
-    then only costs. Pictures don't depend on it."""
+    """Sets on how many threads kernels run from now on. Use one where other processes already fill the cores, since handing out
+    bands then only costs. Pictures don't depend on it."""
     global _threads
     _threads = n
 
 
 def threads() -> int:
-    """What ``use_threads`` set; all cores unless it did."""
+    """The number that ``use_threads`` set last; the number of cores if it wasn't called."""
     return _threads
 
 

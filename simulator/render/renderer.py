@@ -89,10 +89,6 @@ class Renderer:
             depth_m = within(noise.apply(depth_m, camera, seed), depth_range_m)
         return Rendered(rgb, depth_m, instance_ids)
 
-    def visible(self, T_world_camera: Matrix4, camera: Pinhole) -> Hits:
-        """Depth, triangle (of ``caster.triangle_index``) and barycentric weights per pixel (H, W), no picture."""
-        return self._rasteriser.cast(*_frame(T_world_camera), camera)
-
     def _shade(self, R: Matrix3, origin: Vector3, camera: Pinhole, hits: Hits) -> NDArray[np.uint8]:
         pixel_light = _NO_PIXEL_LIGHT if self._lights is None else self._light_of_pixels(R, origin, camera, hits)
         seen = (

@@ -67,7 +67,7 @@ def surfaces_of(scene: Scene, triangle_index: NDArray[np.integer]) -> Surfaces:
 
 def _pack_textures(materials: tuple[Material, ...]) -> tuple[Any, ...]:
     """All textures with their mip levels in one array; pictures shared by materials are packed once."""
-    colors = to_linear(np.array([m.color for m in materials], dtype=np.float64).reshape(-1, 3))
+    colors = to_linear(np.array([m.color for m in materials], dtype=np.float64).reshape(-1, 3)).astype(np.float32)
     mean_colors = colors.copy()
     texture = np.zeros((len(materials), 2), dtype=np.int32)
     mips: list[tuple[int, int, int]] = []

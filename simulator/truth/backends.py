@@ -77,8 +77,8 @@ class Oracle(Backend):
     def _look(self, batch: Sequence[ViewTask]) -> None:
         for task in batch:
             words = tuple(dict.fromkeys((*COCO, *(canonical(prompt) for prompt in task.prompts))))
-            told = _told(task.truth, task.view.depth_m, self.name)
-            things = visible_things(told, task.view.depth_m, self._min_pixels, words)
+            truth = _required_truth(task.truth, task.view.depth_m, self.name)
+            things = visible_things(truth, task.view.depth_m, self._min_pixels, words)
             detections = tuple(
                 DetectedObject(t.label, 1.0, t.box_px, t.mask, name_space.embed_object(t.label), chance=1.0)
                 for t in things
@@ -116,15 +116,15 @@ class Simulated(Backend):
 
     def _seen(self, task: ViewTask) -> ViewPerception:
         depth_m, camera, key = task.view.depth_m, task.view.camera, task.key
-        told = _told(task.truth, depth_m, self.name)
-        labels, scene = self._scene_of(told.labels)
-        told = replace(told, labels=labels)
+        truth = _required_truth(task.truth, depth_m, self.name)
+        labels, scene = self._scene_of(truth.labels)
+        truth = replace(truth, labels=labels)
         is_camera = any(isinstance(part, str) and part.startswith("camera/") for part in key)
         view = hashed(scene, key)
         detections, weak = [], []
         shown: dict[str, float] = {}
         floor = cache(partial(find_floor, depth_m, camera))  # views without detections don't ask
-        for c in candidates(told, depth_m, camera, is_camera, self._model.min_size_rad):
+        for c in candidates(truth, depth_m, camera, is_camera, self._model.min_size_rad):
             shown |= showing(c.labels, c.x) if c.kind != "place" else {}
             for detected, scores in self._found(c, scene, view, depth_m, camera, floor):
                 weak.append(scores)
@@ -132,7 +132,7 @@ class Simulated(Backend):
                     detections.append(detected)
         detections.sort(key=lambda d: -d.score)
         clear = 1.0 - np.prod([1.0 - scores for scores in weak], axis=0) if weak else np.zeros(len(COCO), np.float32)
-        presence = np.maximum(clear, self._haze(scene, view, told.T_world_camera, shown, is_camera))
+        presence = np.maximum(clear, self._haze(scene, view, truth.T_world_camera, shown, is_camera))
         return ViewPerception(
             self.name, tuple(detections), class_space.embed_image([presence]), ClassSpace.model, tuple(COCO)
         )
@@ -263,7 +263,7 @@ def _fits(name: str, size_m: float | None, cut: bool) -> bool:
     return size_m is None or is_plausible(_EXTENTS_M, name, size_m, cut)
 
 
-def _told(truth: TrueInstances | None, depth_m: NDArray[np.float32], name: str) -> TrueInstances:
+def _required_truth(truth: TrueInstances | None, depth_m: NDArray[np.float32], name: str) -> TrueInstances:
     if truth is None:
         raise PerceptionError(f"the backend {name!r} needs the simulator's instance ids of the view, and got none")
     if truth.ids.shape != depth_m.shape:

@@ -140,9 +140,14 @@ def _weighted(x: Floats, labels: Iterable[str], weights: dict[str, list[float]])
 
 
 class Haze(msgspec.Struct, frozen=True):
-    """What weak scores lend a class in views that neither show it nor say it: quantiles of its presence, and what makes
-    it more: standard deviations by label of what shows (``showing``) and of being a camera's view, around ``mean``;
-    ``luck`` is that of the rest."""
+    """The presence that weak scores suggest for a class in views that don't show it.
+
+    Attributes:
+        quantiles: of that presence over such views.
+        beside: by label of what else shows (``showing``), by how many standard deviations it raises the presence.
+        camera: the same for being a surveillance camera's view. mean: of both together.
+        luck: standard deviation of what these don't explain.
+    """
 
     quantiles: list[float]
     beside: dict[str, float]
@@ -151,7 +156,7 @@ class Haze(msgspec.Struct, frozen=True):
     luck: float
 
     def more(self, shown: dict[str, float], camera: bool) -> float:
-        """By what a view's haze of the class is thicker than usual, in standard deviations."""
+        """How many standard deviations stronger than usual the weak scores of the class are in a view that shows ``shown``."""
         return (
             sum(self.beside.get(label, 0.0) * share for label, share in shown.items())
             + self.camera * camera

@@ -13,8 +13,8 @@ from scipy import ndimage
 from surveilnav.geometry import Matrix4, Pinhole
 from surveilnav.perception.vocabulary import COCO
 from surveilnav.sensing.views import TrueInstances
-from surveilnav.simulator.furniture.labels import KINDS, PARTS
 from surveilnav.simulator.truth.error_model import Floats, features
+from surveilnav.simulator.world.labels import KINDS, PARTS
 from surveilnav.words import canonical
 
 #: Instances of these classes are surfaces of the building: what is seen on them belongs to a place, not to a thing.

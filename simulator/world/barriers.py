@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from surveilnav.robot_body import CLIMB_M, HEIGHT_M, RADIUS_M, clearance_m
-from surveilnav.simulator.furniture.labels import PARTS
 from surveilnav.simulator.world.free_ground import FloorNavigation
-from surveilnav.simulator.world.geodesic import mark_triangles
+from surveilnav.simulator.world.geodesic import occupied_cells
+from surveilnav.simulator.world.labels import PARTS
 from surveilnav.simulator.world.scene import Instance, Scene
 
 #: So far from a door one looks for the ground on its two sides [m]: half of a thick wall, a robot's radius, some cells.
@@ -23,7 +23,7 @@ _BEFORE_M = 0.4
 #: A sill is lower than this [m], and ends where its door begins, or some millimetres beside.
 _SILL_M, _SLACK_M = 0.5, 0.03
 #: Plans are strangers': longer names are cut; more doors of a floor, and more places beside one, aren't looked at.
-LONGEST_NAME, _MOST_DOORS, _MOST_PLACES = 40, 100, 12
+LONGEST_NAME, _MAX_DOORS, _MAX_PLACES = 40, 100, 12
 
 Cells = NDArray[np.bool_]
 Window = tuple[slice, slice]
@@ -45,7 +45,7 @@ def barriers_of(scene: Scene, f: FloorNavigation, area: Cells, beyond: NDArray[n
     beside = (
         (door, window) for door in doors if area[window := _around(f, door, _BESIDE_M)].any() and beyond[window].any()
     )
-    for door, window in islice(beside, _MOST_DOORS):
+    for door, window in islice(beside, _MAX_DOORS):
         if why := _at_door(layers, door, window, area[window], beyond[window] > 0):
             said[why] = None
             explained.update(np.unique(beyond[window]).tolist())
@@ -56,7 +56,7 @@ def barriers_of(scene: Scene, f: FloorNavigation, area: Cells, beyond: NDArray[n
 
 
 class _Layers:
-    """How much room there is on a floor, as it is and without doors or furniture. Each is made when it is asked for."""
+    """Maps of the free room on one floor, as it is and with doors, furniture or sills taken away; computed on demand."""
 
     def __init__(self, scene: Scene, f: FloorNavigation) -> None:
         self.scene, self.f = scene, f
@@ -89,18 +89,9 @@ class _Layers:
         scene, f = self.scene, self.f
         kinds = {i.id: i.label if i.label in PARTS or not self.knows_walls else "furniture" for i in scene.instances}
         out = [id_ for id_, kind in kinds.items() if kind in without]
-        obstacle = np.zeros(f.grid.shape, np.bool_)
-        mark_triangles(
-            obstacle,
-            scene.vertices,
-            scene.triangles[~np.isin(scene.instance_of_triangle, out)],
-            f.grid.origin_x_m,
-            f.grid.origin_y_m,
-            f.grid.resolution_m,
-            f.z_m + (_SILL_M if "sill" in without else CLIMB_M),
-            f.z_m + HEIGHT_M,
-        )
-        return obstacle
+        triangles = scene.triangles[~np.isin(scene.instance_of_triangle, out)]
+        low_m = f.z_m + (_SILL_M if "sill" in without else CLIMB_M)
+        return occupied_cells(f.grid, scene.vertices, triangles, low_m, f.z_m + HEIGHT_M)
 
 
 def _at_door(layers: _Layers, door: Instance, window: Window, area: Cells, beyond: Cells) -> str:
@@ -153,7 +144,7 @@ def _leaves(clearance: float) -> str:
 def _widest(room_m: NDArray[np.float32], start: Cells, end: Cells, through: Cells) -> float:
     """The most room that a way from ``start`` to ``end`` by ``through`` has at its narrowest [m]; 0.0: there is none.
 
-    What is more than a robot's radius is said as the least that is.
+    A way that is wide enough for a robot counts as exactly the smallest clearance above the robot's radius.
     """
     wide = room_m > RADIUS_M
     narrow = np.unique(room_m[(room_m > 0.0) & ~wide])
@@ -192,7 +183,7 @@ def _between(layers: _Layers, window: Window, *sides: Cells) -> str:
     for side in sides:
         cells = np.argwhere(side)
         away = ((cells - (np.array(side.shape) - 1) / 2) ** 2).sum(axis=1)
-        some = cells[np.argsort(away, kind="stable")][:: len(cells) // _MOST_PLACES + 1]
+        some = cells[np.argsort(away, kind="stable")][:: len(cells) // _MAX_PLACES + 1]
         names.append(next(filter(None, map(layers.room_at, layers.f.grid.centres_of(some + corner))), ""))
     if not all(names):
         return ""

@@ -17,7 +17,7 @@ from scipy import ndimage
 from surveilnav.errors import BuildingError
 from surveilnav.geometry import Grid
 from surveilnav.robot_body import clearance_m, fits
-from surveilnav.simulator.world.geodesic import mark_triangles
+from surveilnav.simulator.world.geodesic import occupied_cells
 from surveilnav.simulator.world.raycast import RayCaster
 from surveilnav.simulator.world.scene import Floor, Scene
 
@@ -80,17 +80,8 @@ def _ground_of(
     scene: Scene, caster: RayCaster, floor: Floor, grid: Grid, radius_m: float, robot_height_m: float, max_step_m: float
 ) -> FloorNavigation:
     supported = _supported(caster, grid, floor.z_m, max_step_m)
-    obstacle = np.zeros(grid.shape, dtype=np.bool_)
-    mark_triangles(
-        obstacle,
-        scene.vertices,
-        scene.triangles,
-        grid.origin_x_m,
-        grid.origin_y_m,
-        grid.resolution_m,
-        floor.z_m + max_step_m,
-        floor.z_m + robot_height_m,
-    )
+    z_m = floor.z_m
+    obstacle = occupied_cells(grid, scene.vertices, scene.triangles, z_m + max_step_m, z_m + robot_height_m)
     blocked = np.pad(~supported | obstacle, 1, constant_values=True)
     free = fits(clearance_m(blocked, grid.resolution_m), radius_m)[1:-1, 1:-1]
     indoor = supported & _roofed(caster, grid, floor.z_m + robot_height_m)

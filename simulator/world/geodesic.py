@@ -17,6 +17,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from surveilnav.geometry import Grid
+
 #: A parent of -1: never reached.
 UNREACHED = -1
 
@@ -134,8 +136,18 @@ def spread(
     return distance, parent
 
 
+def occupied_cells(
+    grid: Grid, vertices: NDArray[np.float32], triangles: NDArray[np.int32], z_min_m: float, z_max_m: float
+) -> NDArray[np.bool_]:
+    """(rows, cols) cells of a grid that some triangle touches between two heights [m, world]."""
+    occupied = np.zeros(grid.shape, dtype=np.bool_)
+    corner = grid.origin_x_m, grid.origin_y_m
+    _mark_triangles(occupied, vertices, triangles, *corner, grid.resolution_m, z_min_m, z_max_m)
+    return occupied
+
+
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def mark_triangles(
+def _mark_triangles(
     occupied: NDArray[np.bool_],
     vertices: NDArray[np.float32],
     triangles: NDArray[np.int32],

@@ -1,4 +1,4 @@
-"""Where a search may start, where it should end, and whether it did: Habitat's ObjectNav rules.
+"""Where a search may start, where it should end, and whether it succeeded, by the rules of Habitat's ObjectNav.
 
 A search succeeds if the robot called stop within 0.1 m of way of a viewpoint (``viewpoints``) of any object of the
 target's class. (habitat-lab ``tasks/nav/nav.py`` and ``object_nav_generator.py``.)
@@ -20,9 +20,9 @@ from scipy.spatial import cKDTree
 
 from surveilnav.errors import TargetError
 from surveilnav.nouns import thing_asked_for
-from surveilnav.simulator.furniture.labels import PARTS
 from surveilnav.simulator.world.distance_field import DistanceField
 from surveilnav.simulator.world.free_ground import FloorNavigation
+from surveilnav.simulator.world.labels import PARTS
 from surveilnav.simulator.world.navigation import NavigationMap
 from surveilnav.simulator.world.raycast import RayCaster
 from surveilnav.simulator.world.scene import Instance, Scene
@@ -39,8 +39,8 @@ from surveilnav.words import canonical
 SUCCESS_M = 0.1
 _MAX_START_CANDIDATES = 2000
 
-#: (note, least path as a share of what was asked, detour asked, hidden asked), tried in this order: first the detour
-#: goes, then the distance shrinks, and only where the target is in sight from everywhere else it may be seen.
+#: Rules for drawing a start, tried in this order until a place satisfies one: (note, minimum path as a share of
+#: ``min_path_m``, whether the way must be a detour, whether the target must be out of sight).
 _RELAXATIONS: tuple[tuple[str, float, bool, bool], ...] = (
     ("", 1.0, True, True),
     ("the way may be straight", 1.0, False, True),
@@ -162,7 +162,7 @@ def find_goals(scene: Scene, navigation: NavigationMap, label: str, *, caster: R
 def within_reach(
     scene: Scene, navigation: NavigationMap, words: Mapping[int, str], caster: RayCaster
 ) -> dict[str, tuple[int, int]]:
-    """By word, in the alphabet's order: how many of the things that are called so robots can get to, and how many there are.
+    """By word, in alphabetical order: how many of the things of that name robots can get to, and how many there are.
 
     ``words``: by instance id, as ``Scene.truth_labels`` or ``labels_by_id``. Parts of the building don't count.
     """

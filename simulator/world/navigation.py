@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from surveilnav.errors import BuildingError
 from surveilnav.geometry import Grid
 from surveilnav.robot_body import CLIMB_M, HEIGHT_M, RADIUS_M
-from surveilnav.simulator.world.distance_field import DistanceField, distance_field
+from surveilnav.simulator.world.distance_field import DistanceField, Transit, distance_field
 from surveilnav.simulator.world.free_ground import FloorNavigation, components_of, find_free_ground
 from surveilnav.simulator.world.geodesic import first_blocked
 from surveilnav.simulator.world.raycast import RayCaster
@@ -29,24 +29,6 @@ from surveilnav.storage import atomic_write
 
 #: Raised by one with every change of what is computed: old caches are then built anew.
 _FORMAT = 2
-
-
-@dataclass(frozen=True, slots=True)
-class Transit:
-    """A stair that a robot can take: the free places (x, y, z) [m] nearest to its two ends, and its length."""
-
-    lower_floor: str
-    upper_floor: str
-    lower_m: tuple[float, float, float]
-    upper_m: tuple[float, float, float]
-    length_m: float
-
-    def end_on(self, floor: str) -> tuple[float, float, float]:
-        """The end (x, y, z) on one of its two floors."""
-        return self.lower_m if floor == self.lower_floor else self.upper_m
-
-    def other_floor(self, floor: str) -> str:
-        return self.upper_floor if floor == self.lower_floor else self.lower_floor
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,21 +180,18 @@ class NavigationMap:
         self,
         p_world: ArrayLike,
         floor: str,
-        component: int | None = None,
         *,
         within_m: float = 1.0,
         min_area_m2: float = 0.0,
     ) -> tuple[float, float, float] | None:
         """The nearest navigable place (x, y, z) [m] within ``within_m``, or None.
 
-        ``component`` asks for a certain one, ``min_area_m2`` for one that isn't just a gap between furniture.
+        ``min_area_m2`` leaves out places that are just gaps between furniture: the connected ground must be this large.
         """
         f = self.floors[floor]
         x, y = (float(v) for v in np.asarray(p_world, dtype=np.float64)[:2])
         allowed = np.bincount(f.component.ravel()) * f.grid.resolution_m**2 >= min_area_m2
         allowed[0] = False
-        if component is not None:
-            allowed &= np.arange(len(allowed)) == component
         here = self._component_at((x, y), floor)
         if here and allowed[here]:
             return x, y, f.z_m
@@ -240,10 +219,6 @@ class NavigationMap:
         x, y = f.grid.centres_of(cells[rng.integers(len(cells))])
         return float(x), float(y), f.z_m
 
-    def area_m2(self, floor: str) -> float:
-        """Area of the floor indoors [m2], furnished or not; ``floors[floor].free`` is where robots can stand."""
-        return self.floors[floor].floor_area_m2
-
     def way_free(self, p_from: ArrayLike, p_to: ArrayLike, floor: str) -> float:
         """How far one gets straight from one point to another before contact: share of the way, 1.0 for all of it."""
         f = self.floors[floor]
@@ -268,4 +243,4 @@ class NavigationMap:
             goals: by floor, points (n, 2 or 3) [m]; those in cells that aren't free are ignored, the others count
                 as the centres of their cells.
         """
-        return distance_field(self, goals)
+        return distance_field(self.floors, self.transits, goals)

@@ -82,13 +82,6 @@ class RayCaster:
         result = self._rays.cast_rays(o3c.Tensor.from_numpy(rays))
         return Hits(result["t_hit"].numpy(), result["primitive_ids"].numpy(), result["primitive_uvs"].numpy())
 
-    def nearest(self, p_world: NDArray[np.float32]) -> NDArray[np.uint32]:
-        """The triangles (n,) of the scene that points (n, 3) [m, world] are nearest to; ``NOTHING`` where there is none."""
-        if not len(self.triangle_index) or p_world.size == 0:
-            return np.full(p_world.shape[:-1], NOTHING)
-        found = self._rays.compute_closest_points(o3c.Tensor.from_numpy(np.ascontiguousarray(p_world, np.float32)))
-        return np.asarray(self.triangle_index[found["primitive_ids"].numpy()])
-
     def occluded(
         self, p_from: NDArray[np.float32], p_to: NDArray[np.float32], shorten: float = 0.999
     ) -> NDArray[np.bool_]:

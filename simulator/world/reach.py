@@ -25,7 +25,7 @@ from surveilnav.simulator.world.scene import Floor, Room, Scene
 #: Smaller pieces of floor are gaps between furniture, not places that somebody misses [m2].
 _PIECE_M2 = 1.0
 #: So many reasons, and so many rooms and doors of one, are said.
-_MOST_REASONS, _MOST_NAMES = 6, 3
+_MAX_REASONS, _MAX_NAMES = 6, 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +52,7 @@ class Reach:
 
     @property
     def reached_m2(self) -> float:
-        """What hangs together of it: the part where robots live."""
+        """The connected part of it where robots live."""
         return sum(floor.reached_m2 for floor in self.floors)
 
     @cached_property
@@ -60,8 +60,8 @@ class Reach:
         """ "robots reach 39 of 118 m²: no floor is drawn on level 2"; empty if nothing is missing."""
         if not self.gaps:
             return ""
-        more = len(self.gaps) - _MOST_REASONS
-        said = [*self.gaps[:_MOST_REASONS], *([f"and {more} more"] if more > 0 else [])]
+        more = len(self.gaps) - _MAX_REASONS
+        said = [*self.gaps[:_MAX_REASONS], *([f"and {more} more"] if more > 0 else [])]
         return f"robots reach {self.reached_m2:.0f} of {self.free_m2:.0f} m²: {'; '.join(said)}"
 
 
@@ -144,7 +144,8 @@ def _whole_levels(
 
 
 def _why_not(scene: Scene, navigation: NavigationMap, floor: Floor, f: FloorNavigation) -> str:
-    """Why robots can't get to a level, up to its number; empty: its stairs' notes say it."""
+    """Why robots can't get to a level, as the beginning of a sentence that ends with the level's id. Empty if the notes on its
+    stairs say it already."""
     if _m2(f, f.component == 1) < _PIECE_M2:  # the largest piece
         if floor.height_m < HEIGHT_M:
             return "the ceiling is too low for a robot on"
@@ -181,8 +182,8 @@ def _shut_off(scene: Scene, navigation: NavigationMap, floor: Floor, f: FloorNav
 
 def _listed(names: Sequence[str]) -> str:
     """The first few names, and how many more there are."""
-    more = len(names) - _MOST_NAMES
-    return ", ".join([*names[:_MOST_NAMES], *([f"{more} more"] if more > 0 else [])])
+    more = len(names) - _MAX_NAMES
+    return ", ".join([*names[:_MAX_NAMES], *([f"{more} more"] if more > 0 else [])])
 
 
 def _holds(room: Room, f: FloorNavigation, cells: NDArray[np.bool_]) -> bool:

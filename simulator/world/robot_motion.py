@@ -14,7 +14,8 @@ from dataclasses import replace
 from surveilnav.messages import ACTIONS, Stair
 from surveilnav.robot_body import LOOK_RAD, MAX_PITCH_RAD, STAIR_REACH_M, STEP_M, TURN_RAD
 from surveilnav.robot_state import RobotState
-from surveilnav.simulator.world.navigation import NavigationMap, Transit
+from surveilnav.simulator.world.distance_field import Transit
+from surveilnav.simulator.world.navigation import NavigationMap
 
 #: The robot stops this far before a contact, so that it never stands in the blocked cell itself.
 _CLEARANCE_M = 1e-3

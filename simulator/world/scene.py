@@ -9,9 +9,18 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from surveilnav.simulator.furniture.labels import PARTS, word_for
+from surveilnav.simulator.world.labels import PARTS, word_for
+
+#: (x, y, z) [m] in the world.
+Point3 = tuple[float, float, float]
+
+
+def point3(p: ArrayLike) -> Point3:
+    """The three numbers of an array as plain floats."""
+    x, y, z = np.asarray(p).tolist()
+    return float(x), float(y), float(z)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,8 +50,8 @@ class Instance:
     name: str
     label: str
     floor: str
-    p_min: tuple[float, float, float]
-    p_max: tuple[float, float, float]
+    p_min: Point3
+    p_max: Point3
     model: str = ""
     room: str = ""
 
@@ -75,8 +84,8 @@ class Stair:
 
     lower_floor: str
     upper_floor: str
-    lower_m: tuple[float, float, float]
-    upper_m: tuple[float, float, float]
+    lower_m: Point3
+    upper_m: Point3
     length_m: float
 
 

@@ -81,7 +81,6 @@ def rows_of(home: str, views: int, with_shadowed: bool) -> Iterator[str]:
             render_ms(flat, camera, poses),
             render_ms(baked, camera, poses, noise=DepthNoise.robot()),
             render_ms(baked, camera, poses, colors=False),
-            median_ms(lambda T, lens=camera: baked.visible(T, lens), poses),
             rays_ms(flat, camera, poses),
         ]
         cells = [home, str(len(scene.triangles)), f"{bake_s:.1f}", f"{open_s:.1f}"]

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from surveilnav.nouns import PART, detect_language, split_words, thing_asked_for, thing_named, thing_or_whole, things
 from surveilnav.perception.vocabulary import COCO
-from surveilnav.simulator.furniture.labels import KINDS, label_of
+from surveilnav.simulator.world.labels import KINDS, label_of
 
 SIZE = (1.2, 0.8, 0.75)
 TABLE = json.loads(resources.files("surveilnav").joinpath("data/words.json").read_text("utf-8"))

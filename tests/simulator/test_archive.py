@@ -105,7 +105,7 @@ def test_picture_bombs_and_noise_are_no_pictures() -> None:
     huge = (
         b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + b"IHDR" + struct.pack(">II", 60_000, 60_000) + b"\x08\x02\0\0\0"
     )
-    assert picture_size(huge) == (60_000, 60_000)
+    assert picture_size(huge) is None
     assert decode_picture(huge) is None
     rng = np.random.default_rng(0)
     for start in (b"", b"\xff\xd8", b"\x89PNG\r\n\x1a\n", b"BM"):

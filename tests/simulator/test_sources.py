@@ -10,8 +10,8 @@ from surveilnav.contract import CAMERA_INFO
 from surveilnav.errors import AssetError, BuildingError
 from surveilnav.perception.vocabulary import COCO
 from surveilnav.simulator import sources
-from surveilnav.simulator.furniture.labels import TARGETS
 from surveilnav.simulator.sources import EXAMPLE_HOMES, list_buildings, open_building
+from surveilnav.simulator.world.labels import TARGETS
 from surveilnav.simulator.world.raycast import RayCaster
 from surveilnav.simulator.world.scene import Scene
 
@@ -173,7 +173,7 @@ def test_an_obj_bomb_becomes_a_stand_in_with_a_note(tmp_path: Path, monkeypatch:
 
 @pytest.mark.usefixtures("no_assets")
 def test_many_copies_of_a_model_stop_at_the_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from surveilnav.simulator.plans.assembly import SceneBuilder
+    from surveilnav.simulator.world.assembly import SceneBuilder
 
     monkeypatch.setattr(SceneBuilder, "__init__", _limited(SceneBuilder.__init__))
     with pytest.raises(BuildingError, match="triangles"):
@@ -183,7 +183,7 @@ def test_many_copies_of_a_model_stop_at_the_limit(tmp_path: Path, monkeypatch: p
 def _limited(original):  # type: ignore[no-untyped-def]
     def init(self, *args, **more):  # type: ignore[no-untyped-def]
         original(self, *args, **more)
-        self._max_triangles = 10
+        self.max_triangles = 10
 
     return init
 

@@ -1,7 +1,8 @@
-"""Which places answer for which object: task-aligned assignment (TOOD, Feng et al. 2021).
+"""Assigns each object to the places that shall predict it: task-aligned assignment (TOOD, Feng et al. 2021).
 
-A place inside an object's box is rated by how well it already does: score^a * IoU^b. The best few of each object answer for
-it; a place wanted by several answers for the one that it overlaps most. An object with no place inside gets the nearest.
+A place inside an object's box is rated by how well it predicts the object already: score^a * IoU^b. The best few places of each
+object are assigned to it. A place among the best of several objects is assigned to the one that it overlaps most. An object
+without a place inside its box gets the nearest place.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import torch
 from torch import Tensor
 
 _A, _B = 0.5, 4.0
-_MOST = 10
+_MAX_PLACES = 10
 _EPS = 1e-9
 
 
@@ -30,8 +31,14 @@ class Targets:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Assigned:
-    """Who answers. ``positive`` (B, L) bool; ``owner`` (B, L) int64 into G where positive; ``quality`` (B, L) 0-1: the
-    score that a place should give, 0 elsewhere; ``best`` (B, G) int64: the place that does best for each object."""
+    """Which place is assigned to which object.
+
+    Attributes:
+        positive: (B, L) bool, whether the place has an object.
+        owner: (B, L) int64, the number of that object, below G; meaningless where not ``positive``.
+        quality: (B, L) 0-1, the score that the place should give to the object's class; 0 where not ``positive``.
+        best: (B, G) int64, the place that predicts each object best.
+    """
 
     positive: Tensor
     owner: Tensor
@@ -50,7 +57,7 @@ def pairwise_iou(a: Tensor, b: Tensor) -> Tensor:
 
 @torch.no_grad()
 def assign(logits: Tensor, boxes: Tensor, points: Tensor, targets: Targets) -> Assigned:
-    """Assigns the places of the network's output to objects.
+    """Assigns the places of one batch of predictions.
 
     Args:
         logits: (B, L, C). boxes: (B, L, 4) that the places predict. points: (L, 2) of the places.
@@ -90,6 +97,6 @@ def _candidates(targets: Targets, points: Tensor) -> Tensor:
 
 
 def _best_few(fit: Tensor) -> Tensor:
-    """(B, G, L) bool: the ``_MOST`` highest of each row."""
-    top = fit.topk(min(_MOST, fit.shape[2]), dim=2).indices
+    """(B, G, L) bool: the ``_MAX_PLACES`` highest of each row."""
+    top = fit.topk(min(_MAX_PLACES, fit.shape[2]), dim=2).indices
     return torch.zeros_like(fit, dtype=torch.bool).scatter_(2, top, True)

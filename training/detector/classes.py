@@ -1,6 +1,6 @@
 """What the network can name: its classes and kinds of rooms, from ``data/classes.json``.
 
-A piece of furniture belongs to the class that lists what ``surveilnav.simulator.furniture.labels.word_for`` calls it. A room is
+A piece of furniture belongs to the class that lists what ``surveilnav.simulator.world.labels.word_for`` calls it. A room is
 of the
 first kind one of whose words its name holds ("Flat 0.1 bath" -> "bathroom").
 """

@@ -17,7 +17,6 @@ import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from surveilnav.geometry import Pinhole
 from surveilnav.perception.detectors.depth_channels import depth_channels
@@ -25,7 +24,7 @@ from training.detector.assign import Targets
 from training.detector.losses import Batch
 from training.detector.pack import Pack
 from training.detector.poses import Kind
-from training.detector.views import MIN_AREA_PX, MIN_SIDE_PX, TrainingView
+from training.detector.views import TrainingView, visible_boxes
 
 #: (width, height) of batches; multiples of 32. Training begins with small ones, which cost half: pieces of pictures, not
 #: small pictures, since things must be as large as they are in use.
@@ -41,7 +40,7 @@ _CLUTTER, _BLUR, _NOISE, _JPEG = 0.3, 0.15, 0.3, 0.3
 _NO_DEPTH = 0.05
 _AHEAD = 3
 #: A class that more of the views show isn't drawn more often.
-_COMMON, _MOST_REPEATS = 0.5, 5.0
+_COMMON, _MAX_REPEATS = 0.5, 5.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,7 +106,7 @@ def repeat_factors(labels: Sequence[Sequence[int]]) -> dict[int, float]:
     """By class, how often a view that shows it is drawn for one that shows none rarer: sqrt(t / share of views with it), 1
     where the share is above ``_COMMON``. ``labels``: of each view's objects."""
     often = Counter(label for shown in labels for label in set(shown))
-    return {label: min(_MOST_REPEATS, max(1.0, math.sqrt(_COMMON * len(labels) / n))) for label, n in often.items()}
+    return {label: min(_MAX_REPEATS, max(1.0, math.sqrt(_COMMON * len(labels) / n))) for label, n in often.items()}
 
 
 def _pool(views: Views, workers: int) -> Executor:
@@ -253,17 +252,12 @@ def _objects(
     ids: NDArray[np.uint8], labels: NDArray[np.int64]
 ) -> tuple[NDArray[np.float32], NDArray[np.int64], NDArray[np.uint8]]:
     """(boxes, labels, ids renumbered) of the objects that still show enough."""
-    areas = np.bincount(ids.ravel(), minlength=len(labels) + 1)
-    table, boxes, kept = np.zeros(256, np.uint8), [], []
-    for number, place in enumerate(ndimage.find_objects(ids, max_label=len(labels)), start=1):
-        if place is None or areas[number] < MIN_AREA_PX:
-            continue
-        rows, cols = place
-        if min(rows.stop - rows.start, cols.stop - cols.start) >= MIN_SIDE_PX:
-            boxes.append((cols.start, rows.start, cols.stop, rows.stop))
-            kept.append(labels[number - 1])
-            table[number] = len(boxes)
-    return np.array(boxes, np.float32).reshape(-1, 4), np.array(kept, np.int64), table[ids]
+    found = list(visible_boxes(ids, len(labels)))
+    numbers = [number for number, _, _ in found]
+    table = np.zeros(256, np.uint8)
+    table[numbers] = np.arange(1, len(found) + 1)
+    boxes = np.array([box for _, _, box in found], np.float32).reshape(-1, 4)
+    return boxes, labels[[number - 1 for number in numbers]].astype(np.int64), table[ids]
 
 
 def collate(examples: Sequence[Example]) -> Batch:

@@ -32,7 +32,7 @@ from surveilnav.perception.pipeline import PipelineBackend
 from surveilnav.perception.presets import NetworkSettings, onnx_coco
 from surveilnav.perception.protocols import RgbdView
 from surveilnav.perception.runtime import Runtime
-from surveilnav.simulator.furniture.labels import TARGETS
+from surveilnav.simulator.world.labels import TARGETS
 from training.detector import classes
 from training.detector.average_precision import ClassTally
 from training.detector.pack import read_packs

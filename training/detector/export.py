@@ -42,15 +42,15 @@ class _OnePicture(nn.Module):
         self.network = network
 
     def forward(self, picture: Tensor, depth: Tensor) -> tuple[Tensor, ...]:
-        output = self.network(picture.permute(0, 3, 1, 2).float() / 255.0, depth.permute(0, 3, 1, 2))
+        predicted = self.network(picture.permute(0, 3, 1, 2).float() / 255.0, depth.permute(0, 3, 1, 2))
         return (
-            output.logits[0].sigmoid(),
-            output.ltrb[0],
-            output.coefficients[0],
-            output.embeddings[0],
-            output.prototypes[0],
-            output.image[0],
-            output.near[0].sigmoid(),
+            predicted.logits[0].sigmoid(),
+            predicted.ltrb[0],
+            predicted.coefficients[0],
+            predicted.embeddings[0],
+            predicted.prototypes[0],
+            predicted.image[0],
+            predicted.near[0].sigmoid(),
         )
 
 
@@ -104,11 +104,6 @@ def write_weights(path: Path, kept: dict[str, Any]) -> None:
     halved = {name: x.half() if x.dtype.is_floating_point else x for name, x in kept["mean"].items()}
     with atomic_write(path) as file:
         torch.save({"step": steps_of(kept), "shape": kept["shape"], "mean": halved}, file)
-
-
-def load_network(checkpoint: Path) -> Compact:
-    """The mean network of a checkpoint."""
-    return _network_of(torch.load(checkpoint, map_location="cpu", weights_only=True))
 
 
 def _network_of(kept: dict[str, Any]) -> Compact:

@@ -8,12 +8,12 @@ import torch
 from torch import Tensor, nn
 
 from training.detector.assign import Assigned, Targets, assign
-from training.detector.network import CompactOutput, boxes_of
+from training.detector.network import Predictions, boxes_of
 
 #: Weights of the parts.
 WEIGHTS = {"score": 1.0, "box": 2.5, "mask": 1.0, "near": 0.5, "room": 0.25}
 #: Masks cost memory: so many objects of a batch are looked at.
-_MOST_MASKS = 96
+_MAX_MASKS = 96
 _MASK_STRIDE = 4
 
 
@@ -37,21 +37,21 @@ class Batch:
     room: Tensor
 
 
-def losses(output: CompactOutput, points: Tensor, batch: Batch) -> dict[str, Tensor]:
+def losses(predicted: Predictions, points: Tensor, batch: Batch) -> dict[str, Tensor]:
     """The parts of the loss by name, unweighted. ``points``: (L, 2) places of the pictures."""
-    boxes = boxes_of(output.ltrb, points)
-    assigned = assign(output.logits, boxes, points, batch.targets)
+    boxes = boxes_of(predicted.ltrb, points)
+    assigned = assign(predicted.logits, boxes, points, batch.targets)
     total = assigned.quality.sum().clamp(min=1.0)
     wanted = (
         batch.targets.boxes.gather(1, assigned.owner[..., None].expand(-1, -1, 4)) if assigned.best.shape[1] else boxes
     )
     at = assigned.positive
     box = ((1 - giou(boxes[at], wanted[at])) * assigned.quality[at]).sum() / total
-    near, room = surroundings_loss(output.near, batch)
+    near, room = surroundings_loss(predicted.near, batch)
     return {
-        "score": score_loss(output.logits, assigned, batch.targets) / total,
+        "score": score_loss(predicted.logits, assigned, batch.targets) / total,
         "box": box,
-        "mask": mask_loss(output, assigned, batch),
+        "mask": mask_loss(predicted, assigned, batch),
         "near": near,
         "room": room,
     }
@@ -76,16 +76,16 @@ def giou(a: Tensor, b: Tensor) -> Tensor:
     return common / (union + 1e-7) - (around - union) / (around + 1e-7)
 
 
-def mask_loss(output: CompactOutput, assigned: Assigned, batch: Batch) -> Tensor:
+def mask_loss(predicted: Predictions, assigned: Assigned, batch: Batch) -> Tensor:
     """Dice and cross entropy of each object's mask inside its box, by its best place (YOLACT)."""
     picture, thing = torch.nonzero(batch.targets.real, as_tuple=True)
     if not len(picture):
-        return output.prototypes.sum() * 0.0
-    if len(picture) > _MOST_MASKS:
-        some = torch.linspace(0, len(picture) - 1, _MOST_MASKS, device=picture.device).long()
+        return predicted.prototypes.sum() * 0.0
+    if len(picture) > _MAX_MASKS:
+        some = torch.linspace(0, len(picture) - 1, _MAX_MASKS, device=picture.device).long()
         picture, thing = picture[some], thing[some]
     place = assigned.best[picture, thing]
-    logits = torch.einsum("nk,nkhw->nhw", output.coefficients[picture, place], output.prototypes[picture])
+    logits = torch.einsum("nk,nkhw->nhw", predicted.coefficients[picture, place], predicted.prototypes[picture])
     wanted = (batch.ids[picture] == (thing + 1)[:, None, None]).float()
     inside = in_boxes(batch.targets.boxes[picture, thing] / _MASK_STRIDE, *wanted.shape[1:])
     each = nn.functional.binary_cross_entropy_with_logits(logits, wanted, reduction="none") * inside

@@ -49,8 +49,8 @@ class Shape:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class CompactOutput:
-    """The output of the network for B pictures of (H, W) pixels at L places, stride 8 first, row by row.
+class Predictions:
+    """What the network predicts for B pictures of (H, W) pixels at L places: those of stride 8 first, row by row.
 
     Attributes:
         logits: (B, L, C) of classes.
@@ -200,7 +200,7 @@ class Compact(nn.Module):
         nn.init.normal_(self.sides_and_mask.weight, std=0.01)
         nn.init.zeros_(self.sides_and_mask.bias)  # type: ignore[arg-type]
 
-    def forward(self, pictures: Tensor, depth: Tensor) -> CompactOutput:
+    def forward(self, pictures: Tensor, depth: Tensor) -> Predictions:
         """Of pictures (B, 3, H, W), 0-1, and depth (B, ``N_CHANNELS``, H / 2, W / 2); H and W are multiples of 32."""
         features = self.backbone(pictures - 0.5, depth)
         levels = self.pyramid(features[1:])
@@ -214,7 +214,7 @@ class Compact(nn.Module):
         unit = nn.functional.normalize(torch.cat(embeddings, 1).float(), dim=-1)
         image = nn.functional.normalize(self.picture(features[-1].mean(dim=(2, 3))).float(), dim=-1)
         prototypes = self.mask_high(nn.functional.interpolate(self.mask_low(levels[0]), scale_factor=2.0)).float()
-        return CompactOutput(
+        return Predictions(
             self.classes(unit).float(),
             torch.cat(ltrb, 1),
             torch.cat(coefficients, 1),

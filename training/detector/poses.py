@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from surveilnav.geometry import Matrix4, Pinhole, camera_pose
 from surveilnav.robot_body import CAMERA_HEIGHT_M, LOOK_RAD
-from surveilnav.simulator.furniture.labels import TARGETS
 from surveilnav.simulator.world.cameras import CAMERA, MOUNTING_M, TILT_RAD
+from surveilnav.simulator.world.labels import TARGETS
 from surveilnav.simulator.world.navigation import NavigationMap
 from surveilnav.simulator.world.scene import Instance, Scene
 

@@ -2,7 +2,7 @@
 
     python -m training.detector.train --views data/views/train ... --out runs/compact --steps 20000
 
-``--out`` holds ``checkpoint.pt`` (written every few minutes, whole or not there), ``curve.csv`` and ``curve.png``. A step's
+``--out`` holds ``checkpoint.pt`` (written every few minutes, whole or not there) and ``curve.csv``. A step's
 views and their variations depend on the seed and the step alone, so a resumed run is the run that was never interrupted.
 """
 
@@ -25,7 +25,6 @@ from torch import Tensor, nn
 from surveilnav.storage import atomic_write
 from training.detector import classes
 from training.detector.assign import Targets
-from training.detector.curve import draw_curve
 from training.detector.data import Views
 from training.detector.losses import WEIGHTS, Batch, losses
 from training.detector.network import Compact, Shape, n_parameters, places
@@ -66,7 +65,10 @@ class Plan:
         return self.rate * (self.last + (1 - self.last) * 0.5 * (1 + math.cos(math.pi * share)))
 
     def keeps_at(self, step: int) -> float:
-        """The share of itself that the mean of weights keeps: its memory is a fiftieth of the run, at first less."""
+        """The share of the mean of weights that stays at a step; the current weights are the rest.
+
+        The mean spans a fiftieth of the run, and less at its beginning.
+        """
         return min(1.0 - min(0.5, 50.0 / self.steps), (1.0 + step) / (10.0 + step))
 
 
@@ -147,7 +149,6 @@ class Training:
                     self.save()
                     saved = time.perf_counter()
         self.save()
-        draw_curve(self.out / "curve.csv", self.out / "curve.png")
 
     def one_step(self, batch: Batch) -> dict[str, float]:
         """One step of learning; the parts of the loss, and their sum as "loss"."""
@@ -156,9 +157,9 @@ class Training:
             group["lr"] = self.plan.rate_at(self.step)
         self.network.train()
         with torch.autocast(self.device.type, torch.bfloat16, enabled=self.plan.bf16):
-            output = self.network(batch.pictures.float() / 255.0, batch.depth)
+            predicted = self.network(batch.pictures.float() / 255.0, batch.depth)
         points, _ = places(batch.pictures.shape[2], batch.pictures.shape[3], self.device)
-        parts = losses(output, points, batch)
+        parts = losses(predicted, points, batch)
         loss = torch.stack([WEIGHTS[name] * part for name, part in parts.items()]).sum()
         self.optimiser.zero_grad(set_to_none=True)
         loss.backward()  # type: ignore[no-untyped-call]

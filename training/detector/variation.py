@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from surveilnav.simulator.furniture.labels import PARTS
-from surveilnav.simulator.plans.assembly import Mesh, SceneBuilder
+from surveilnav.simulator.world.assembly import Mesh, SceneBuilder
+from surveilnav.simulator.world.labels import PARTS
 from surveilnav.simulator.world.scene import Instance, Material, Scene
 from training.detector.furniture import DRAWN, drawn_piece
 from training.detector.materials import colour, painted, patterned
@@ -23,7 +23,7 @@ _DRAWN_SHARE, _RECOLOURED_SHARE = 0.7, 0.6
 _REPAINTED_SHARE = 0.5
 #: Standard deviation of the logarithm of each side.
 _STRETCH = 0.12
-_MOST_STRETCH = 0.3
+_MAX_STRETCH = 0.3
 _IN_FRONT_M = 0.7
 #: So often a drawn piece faces any of its ways, not the room: backs of tvs and couches show, too.
 _ANY_WAY_SHARE = 0.25
@@ -106,7 +106,7 @@ def _stretched(mesh: Mesh, rng: np.random.Generator) -> Mesh:
     """Other proportions around the middle of its foot."""
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
     foot = np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]])
-    T = np.diag([*np.exp(np.clip(rng.normal(0.0, _STRETCH, 3), -_MOST_STRETCH, _MOST_STRETCH)), 1.0])
+    T = np.diag([*np.exp(np.clip(rng.normal(0.0, _STRETCH, 3), -_MAX_STRETCH, _MAX_STRETCH)), 1.0])
     T[:3, 3] = foot - T[:3, :3] @ foot
     return mesh.moved(T)
 
@@ -114,7 +114,7 @@ def _stretched(mesh: Mesh, rng: np.random.Generator) -> Mesh:
 def _drawn(scene: Scene, instance: Instance, rng: np.random.Generator) -> Mesh:
     """A drawn piece of about the size of the instance, in its place, its front to the room."""
     low, high = np.array(instance.p_min), np.array(instance.p_max)
-    size = (high - low) * np.exp(np.clip(rng.normal(0.0, _STRETCH, 3), -_MOST_STRETCH, _MOST_STRETCH))
+    size = (high - low) * np.exp(np.clip(rng.normal(0.0, _STRETCH, 3), -_MAX_STRETCH, _MAX_STRETCH))
     size = np.maximum(size, 0.08)
     foot = np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]])
     quarter = _facing(scene, instance, foot[:2], size, rng)

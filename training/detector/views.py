@@ -13,11 +13,11 @@ from scipy import ndimage
 
 from surveilnav import robot_body
 from surveilnav.config import cache_dir
-from surveilnav.simulator.furniture.labels import word_for
 from surveilnav.simulator.render.depth_noise import DepthNoise
 from surveilnav.simulator.render.picture import Lighting, Rendered
 from surveilnav.simulator.render.renderer import Renderer
 from surveilnav.simulator.simulation import CAMERA_DEPTH_RANGE_M
+from surveilnav.simulator.world.labels import word_for
 from surveilnav.simulator.world.navigation import NavigationMap
 from surveilnav.simulator.world.scene import Instance, Room, Scene
 from training.detector.classes import Classes
@@ -26,7 +26,7 @@ from training.detector.poses import SENSOR_SIZES, TRAINING_SIZES, Kind, PoseSour
 #: What shows fewer pixels of the packed picture, or is thinner, is no object of a view.
 MIN_AREA_PX, MIN_SIDE_PX = 24, 4
 #: Numbers that an id picture of bytes holds beside 0.
-MOST_OBJECTS = 255
+MAX_OBJECTS = 255
 #: A view is looked at once at this share of its resolution, without colours, before it is worth a picture.
 _PROBE = 0.25
 _PROBE_PX = 6
@@ -145,20 +145,23 @@ def objects_in(
 ) -> tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.int64], NDArray[np.int64]]:
     """What of a picture's instances (H, W) shows enough: (ids as of ``TrainingView``, boxes, labels, areas), the largest
     first. ``number``: class by instance, -1: none."""
-    areas = np.bincount(ids.ravel(), minlength=len(number))
-    places = ndimage.find_objects(ids.astype(np.int32), max_label=len(number) - 1)
-    found: list[tuple[int, int, tuple[int, int, int, int]]] = []
-    for id_, place in enumerate(places, start=1):
-        if place is None or number[id_] < 0 or areas[id_] < MIN_AREA_PX:
-            continue
-        rows, cols = place
-        if min(rows.stop - rows.start, cols.stop - cols.start) >= MIN_SIDE_PX:
-            found.append((int(areas[id_]), id_, (cols.start, rows.start, cols.stop, rows.stop)))
-    found = sorted(found, key=lambda f: (-f[0], f[1]))[:MOST_OBJECTS]
+    found = [(area, id_, box) for id_, area, box in visible_boxes(ids, len(number) - 1) if number[id_] >= 0]
+    found = sorted(found, key=lambda f: (-f[0], f[1]))[:MAX_OBJECTS]
     table = np.zeros(len(number), np.uint8)
     table[[id_ for _, id_, _ in found]] = np.arange(1, len(found) + 1)
     boxes = np.array([box for _, _, box in found], np.float32).reshape(-1, 4)
     return table[ids], boxes, number[[i for _, i, _ in found]], np.array([a for a, _, _ in found], np.int64)
+
+
+def visible_boxes(ids: NDArray[np.integer], highest: int) -> Iterator[tuple[int, int, tuple[int, int, int, int]]]:
+    """Id, area [pixels] and box (x0, y0, x1, y1) of each of the ids 1 to ``highest`` that shows enough to be an object."""
+    areas = np.bincount(ids.ravel(), minlength=highest + 1)
+    for id_, place in enumerate(ndimage.find_objects(ids.astype(np.int32), max_label=highest), start=1):
+        if place is None or areas[id_] < MIN_AREA_PX:
+            continue
+        rows, cols = place
+        if min(rows.stop - rows.start, cols.stop - cols.start) >= MIN_SIDE_PX:
+            yield id_, int(areas[id_]), (cols.start, rows.start, cols.stop, rows.stop)
 
 
 class _Rooms:

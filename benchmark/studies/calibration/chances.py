@@ -39,9 +39,9 @@ from surveilnav.errors import PerceptionError, SurveilNavError
 from surveilnav.perception.backend import Backend
 from surveilnav.perception.chances import ChanceTable, ClassTerms, Floats, features, size_rad
 from surveilnav.perception.vocabulary import DATA
-from surveilnav.simulator.furniture.labels import TARGETS
 from surveilnav.simulator.truth.choose import choose_backend
 from surveilnav.simulator.truth.visible import VisibleThing, candidates, world_points
+from surveilnav.simulator.world.labels import TARGETS
 
 DEFAULT = "onnx-coco"
 #: Train buildings: homes with ``train`` furniture, flats and offices.

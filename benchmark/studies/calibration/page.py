@@ -16,8 +16,8 @@ from surveilnav.benchmark.studies.calibration.fit import apart, fit_probit, pair
 from surveilnav.benchmark.studies.calibration.views import MeasuredViews, OutcomeTable, rows_of, simulated
 from surveilnav.perception.embedders import class_space
 from surveilnav.perception.prompts import value_prompt
-from surveilnav.simulator.furniture.labels import TARGETS
 from surveilnav.simulator.truth.error_model import FEATURES, ErrorModel, Floats, Kind, Luck, visible_rad
+from surveilnav.simulator.world.labels import TARGETS
 
 _NEAR_CHORD, _NEAR_M = 0.52, 1.0  # 30 degrees
 CHORDS = (0.0, 0.1, 0.25, 0.5, 0.8, 1.2, 2.0)

@@ -12,8 +12,8 @@ import numpy as np
 from surveilnav.benchmark.studies.calibration.fit import MIN_SCORE
 from surveilnav.benchmark.studies.calibration.page import BANDS, CHORDS, Side, correlations
 from surveilnav.benchmark.studies.calibration.views import OutcomeTable
-from surveilnav.simulator.furniture.labels import TARGETS
 from surveilnav.simulator.truth.error_model import Floats
+from surveilnav.simulator.world.labels import TARGETS
 
 
 def plots(real: Side, sims: Sequence[Side], out: Path) -> None:

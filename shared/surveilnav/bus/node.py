@@ -41,7 +41,8 @@ class Node:
     """One process on the bus; see the module's docstring. Use it as a context manager.
 
     Args:
-        kind, id: what it announces itself as.
+        kind: the kind of node that it announces itself as.
+        id: the name under which it announces itself.
         settings: where the router is; None: from the environment.
         alive: False for a process that neither announces itself nor reports its traffic.
 

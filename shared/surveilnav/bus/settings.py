@@ -51,12 +51,21 @@ class BusSettings(BaseSettings):
     router: str = Field(f"tcp/127.0.0.1:{DEFAULT_PORT}", description="the router's endpoint, tcp/HOST:PORT")
     building: str = Field("building", pattern=ID_PATTERN, description="the building's name in every key")
     connect_timeout_s: float = Field(
-        30.0, ge=-1, le=86_400, description="how long to wait for the router at start; 0: one try, -1: for ever"
+        30.0,
+        ge=-1,
+        le=86_400,
+        description="how long a process waits for the router when it starts; 0: it tries once, -1: it waits for ever",
     )
-    lease_ms: int = Field(_LEASE_MS, ge=200, le=60_000, description="a peer silent for so long counts as gone")
-    health_file: Path | None = Field(None, description="touched every second while the service is healthy")
+    lease_ms: int = Field(
+        _LEASE_MS, ge=200, le=60_000, description="a process that has been silent for this long counts as gone"
+    )
+    health_file: Path | None = Field(
+        None, description="a file that is touched every second while the service is healthy"
+    )
     log_format: Literal["console", "json"] = Field("console", description="how a log line is written")
-    log_level: Literal["debug", "info", "warning", "error"] = Field("info", description="lines below it are left out")
+    log_level: Literal["debug", "info", "warning", "error"] = Field(
+        "info", description="less important log lines are left out"
+    )
 
     @field_validator("router")
     @classmethod

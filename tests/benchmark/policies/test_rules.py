@@ -13,7 +13,7 @@ from surveilnav.benchmark.policies.cooccurrence import Cooccurrence, count_train
 from surveilnav.errors import AssetError
 from surveilnav.messages import ObjectRecord
 from surveilnav.services.planner.core.goals.frontiers import Frontier
-from surveilnav.simulator.furniture.labels import TARGETS
+from surveilnav.simulator.world.labels import TARGETS
 
 
 def frontier(travel_time_m, value=math.nan, n_cells=20, x_m=0.0, y_m=0.0):

@@ -25,12 +25,12 @@ from surveilnav.benchmark.studies.calibration.run import main, presence_of
 from surveilnav.benchmark.studies.calibration.tour import Tour, views_on
 from surveilnav.benchmark.studies.calibration.views import MeasuredDetection, OutcomeTable
 from surveilnav.perception.vocabulary import COCO
-from surveilnav.simulator.furniture.labels import TARGETS
 from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings
 from surveilnav.simulator.truth import error_model
 from surveilnav.simulator.truth.backends import Simulated
 from surveilnav.simulator.truth.error_model import FEATURES, SIGHTS, Draws, Luck
 from surveilnav.simulator.truth.visible import VisibleThing
+from surveilnav.simulator.world.labels import TARGETS
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from surveilnav.errors import TargetError
 from surveilnav.perception.embedders import class_space
 from surveilnav.perception.vocabulary import COCO, DATA
-from surveilnav.simulator.furniture.labels import TARGETS
+from surveilnav.simulator.world.labels import TARGETS
 
 
 def seen(**classes: float) -> list[np.ndarray]:

@@ -9,7 +9,7 @@ import pytest
 
 from surveilnav.errors import BuildingError
 from surveilnav.simulator.meshes.buildings import MeshPart, building_of
-from surveilnav.simulator.plans.assembly import Mesh, MeshBuilder
+from surveilnav.simulator.world.assembly import Mesh, MeshBuilder
 from surveilnav.simulator.world.navigation import NavigationMap
 from surveilnav.simulator.world.scene import Material, Scene
 

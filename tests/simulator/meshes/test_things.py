@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from surveilnav.simulator.meshes.things import MeshPart, groups_of, thing_sizes, whole_things
-from surveilnav.simulator.plans.assembly import Mesh
 from surveilnav.simulator.sources import open_building
+from surveilnav.simulator.world.assembly import Mesh
 from surveilnav.simulator.world.scene import Material
 
 #: Name, low corner, size [m].

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from surveilnav.errors import BuildingError
 from surveilnav.geometry import Grid
 from surveilnav.simulator.plans.ground import MAX_PARTS, find_ground, inside
-from surveilnav.simulator.plans.polygons import contains, signed_area
+from surveilnav.simulator.world.polygons import contains, signed_area
 
 
 def box(x0: float, y0: float, x1: float, y1: float) -> np.ndarray:

@@ -10,11 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from surveilnav.simulator.furniture.catalog import Furniture
-from surveilnav.simulator.furniture.placing import placed
-from surveilnav.simulator.plans.assembly import Mesh, MeshBuilder
 from surveilnav.simulator.plans.leaves import without_leaf
 from surveilnav.simulator.plans.openings import is_moving_part
+from surveilnav.simulator.plans.placing import placed
 from surveilnav.simulator.plans.sweethome import Piece
+from surveilnav.simulator.world.assembly import Mesh, MeshBuilder
 from surveilnav.simulator.world.scene import Material
 
 GREY = Material("grey", (0.5, 0.5, 0.5))
@@ -22,9 +22,7 @@ Box = tuple[tuple[float, float, float], tuple[float, float, float]]
 
 
 def piece(width: float = 1.0, height: float = 2.1, depth: float = 0.2) -> Piece:
-    return Piece(
-        "Door", "", "", "", 0.0, 0.0, 0.0, (width, depth, height), 0.0, 0.0, 0.0, False, None, None, None, True, ""
-    )
+    return Piece("Door", "", "", "", 0.0, 0.0, 0.0, (width, depth, height), 0.0, is_opening=True)
 
 
 def boxes(*solids: Box) -> Mesh:

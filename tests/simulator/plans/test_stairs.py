@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from surveilnav.simulator.furniture.parametric import stair_flight
-from surveilnav.simulator.plans.assembly import Mesh, MeshBuilder
 from surveilnav.simulator.plans.stairs import find_transit, treads
+from surveilnav.simulator.world.assembly import Mesh, MeshBuilder
 from surveilnav.simulator.world.scene import Material
 
 GREY = Material("grey", (0.5, 0.5, 0.5))

@@ -9,10 +9,10 @@ import pytest
 
 from surveilnav.errors import AssetError, BuildingError
 from surveilnav.simulator import sources
-from surveilnav.simulator.furniture.labels import TARGETS
-from surveilnav.simulator.plans.polygons import contains
 from surveilnav.simulator.sources import list_buildings, open_building
+from surveilnav.simulator.world.labels import TARGETS
 from surveilnav.simulator.world.navigation import NavigationMap
+from surveilnav.simulator.world.polygons import contains
 from surveilnav.simulator.world.scene import Scene
 
 
@@ -72,25 +72,6 @@ def test_furnished_flats_the_same_twice(targets_in) -> None:
     assert set(found) >= {"chair", "toilet", "couch", "potted plant"}
     assert open_building("flats_1", seed=2, models="val").content_hash == scene.content_hash
     assert any("CC BY" in credit for credit in scene.credits)
-
-
-@pytest.mark.assets
-@pytest.mark.usefixtures("assets")
-def test_the_statistics_are_those_of_the_train_homes() -> None:
-    import json
-    from importlib import resources
-
-    from surveilnav.simulator.furniture.catalog import Furniture
-    from surveilnav.simulator.procedural.measure import TRAIN_HOMES, measure
-    from surveilnav.simulator.sources import read_example
-
-    committed = json.loads(
-        resources.files("surveilnav.simulator.procedural").joinpath("data/room_statistics.json").read_text()
-    )
-    with Furniture(sources.ensure_assets(), None) as furniture:
-        rooms = measure(read_example(name, furniture) for name in TRAIN_HOMES)
-    assert tuple(committed["homes"]) == TRAIN_HOMES
-    assert committed["rooms"] == json.loads(json.dumps(rooms))
 
 
 def test_they_are_listed_and_named_in_errors(tmp_path: Path) -> None:

@@ -9,14 +9,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from surveilnav.simulator.furniture.placing import seeded
-from surveilnav.simulator.plans.polygons import signed_area
+from surveilnav.simulator.plans.placing import seeded
 from surveilnav.simulator.procedural.buildings import KINDS, flight_rect, furnished, generated_home, plan
 from surveilnav.simulator.procedural.floor_plan import OUTSIDE, FloorPlan, Hole, shared_edge
 from surveilnav.simulator.procedural.layout import Body, Rect
 from surveilnav.simulator.procedural.space import Placed, RoomSpace
 from surveilnav.simulator.procedural.statistics import draw, room_statistics
 from surveilnav.simulator.procedural.walls import HALF_M, INNER_M, inset, raster_of
+from surveilnav.simulator.world.polygons import signed_area
 
 numbers = st.integers(0, 10**9)
 kinds = st.sampled_from(sorted(KINDS))

@@ -12,10 +12,10 @@ from surveilnav.geometry import Pinhole
 from surveilnav.perception.embedders import class_space
 from surveilnav.perception.vocabulary import COCO
 from surveilnav.sensing.views import TrueInstances, box_cells
-from surveilnav.simulator.furniture.labels import TARGETS
 from surveilnav.simulator.truth.backends import Oracle, Simulated
 from surveilnav.simulator.truth.error_model import FEATURES, SIGHTS, Haze, error_model, features
 from surveilnav.simulator.truth.visible import candidates, visible_things
+from surveilnav.simulator.world.labels import TARGETS
 
 CAMERA = Pinhole.from_hfov(160, 120, 1.3)
 RGB = np.zeros((120, 160, 3), np.uint8)

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from scipy.sparse.csgraph import dijkstra
 
 from surveilnav.errors import BuildingError
-from surveilnav.simulator.world.geodesic import first_blocked, mark_triangles, spread
+from surveilnav.geometry import Grid
+from surveilnav.simulator.world.geodesic import first_blocked, occupied_cells, spread
 from surveilnav.simulator.world.navigation import NavigationMap
 from surveilnav.simulator.world.scene import Floor, Stair
 
@@ -102,8 +103,8 @@ def test_distances_against_the_exact_visibility_graph(seed: int) -> None:
 @given(st.lists(st.tuples(*[st.floats(0.2, 9.8)] * 2, st.floats(-1.0, 2.0)), min_size=3, max_size=3))
 def test_marked_cells_are_those_a_triangle_touches_in_the_slab(corners) -> None:
     vertices = np.array(corners, dtype=np.float32)
-    marked = np.zeros((10, 10), dtype=np.bool_)
-    mark_triangles(marked, vertices, np.array([[0, 1, 2]], dtype=np.int32), 0.0, 0.0, 1.0, 0.0, 1.0)
+    grid = Grid(0.0, 0.0, 1.0, rows=10, cols=10)
+    marked = occupied_cells(grid, vertices, np.array([[0, 1, 2]], dtype=np.int32), 0.0, 1.0)
     u, v = np.meshgrid(np.linspace(0, 1, 120), np.linspace(0, 1, 120))
     inside = u + v <= 1
     a, b, c = vertices.astype(np.float64)
@@ -172,7 +173,7 @@ def test_free_is_a_radius_away_from_everything(plain, x: float, y: float) -> Non
 
 def test_areas_and_random_points(plain) -> None:
     floor = plain.floors["0"]
-    assert plain.area_m2("0") == floor.floor_area_m2 == pytest.approx(6.2 * 4.2, rel=0.02)
+    assert floor.floor_area_m2 == pytest.approx(6.2 * 4.2, rel=0.02)
     closed_form = (6 - 0.36) * (4 - 0.36) - (0.46 * 2.82 + math.pi * 0.18**2 / 2 + 0.1 * 0.18)
     assert float(floor.free.sum()) * floor.grid.resolution_m**2 == pytest.approx(closed_form, rel=0.06)
     rng = np.random.default_rng(0)
@@ -188,7 +189,6 @@ def test_snap(plain) -> None:
     assert math.hypot(x - 3.0, y - 1.0) < 0.3
     assert z == 0.0
     assert plain.snap((3.0, 1.0, 0.0), "0", within_m=0.1) is None
-    assert plain.snap((1.0, 1.0), "0", component=7) is None
     assert plain.snap((50.0, 50.0), "0") is None
 
 

@@ -125,7 +125,6 @@ def test_after_a_kill_it_ends_with_the_same_weights(pack: Pack, tmp_path: Path) 
             assert torch.equal(a, b)
     rows = list(csv.DictReader((tmp_path / "parts" / "curve.csv").open(encoding="utf-8")))
     assert [row["step"] for row in rows] == ["1", "2", "3", "4"]
-    assert (tmp_path / "parts" / "curve.png").stat().st_size > 1000
 
 
 def test_a_run_begins_with_the_weights_of_another(pack: Pack, tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from surveilnav.errors import PerceptionError
 from surveilnav.perception import models
 from surveilnav.perception.boxes import Boxes
 from surveilnav.perception.models.card import Card, card_of, save_card
-from surveilnav.simulator.furniture.labels import TARGETS
+from surveilnav.simulator.world.labels import TARGETS
 from training.detector import classes
 from training.detector.card import page
 from training.detector.evaluate import Tally, measured

@@ -9,7 +9,7 @@ import pytest
 
 from surveilnav.nouns import phrases_by_thing
 from surveilnav.perception.vocabulary import Vocabulary
-from surveilnav.simulator.furniture.labels import KINDS, TARGETS
+from surveilnav.simulator.world.labels import KINDS, TARGETS
 from training.detector import classes
 
 NAMES = classes.load()

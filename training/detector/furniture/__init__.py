@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from surveilnav.simulator.plans.assembly import Mesh
+from surveilnav.simulator.world.assembly import Mesh
 from training.detector.furniture.beds import bed
 from training.detector.furniture.drawing import Drawing
 from training.detector.furniture.plants import plant

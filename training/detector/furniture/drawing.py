@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from surveilnav.simulator.furniture.parametric import prism
-from surveilnav.simulator.plans.assembly import MeshBuilder
+from surveilnav.simulator.world.assembly import MeshBuilder
 from surveilnav.simulator.world.scene import Material
 from training.detector.materials import painted, patterned
 

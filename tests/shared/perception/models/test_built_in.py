@@ -11,7 +11,7 @@ from surveilnav.geometry import Pinhole
 from surveilnav.perception import models
 from surveilnav.perception.models.catalogue import BUILT_IN
 from surveilnav.perception.presets import PRESETS, NetworkSettings
-from surveilnav.simulator.furniture.labels import TARGETS
+from surveilnav.simulator.world.labels import TARGETS
 
 ROOT = Path(__file__).parents[4]
 COMPACT = BUILT_IN / "compact" / "compact.onnx"

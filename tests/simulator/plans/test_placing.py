@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from surveilnav.simulator.furniture.catalog import CatalogModel, parse_rotation, read_catalog, stretch
 from surveilnav.simulator.furniture.models import Model
-from surveilnav.simulator.furniture.placing import fitted, kind_of, kinds, placed, seeded
+from surveilnav.simulator.plans.placing import fitted, kind_of, kinds, placed, seeded
 from surveilnav.simulator.plans.sweethome import Piece
 from surveilnav.simulator.world.scene import Material
 
@@ -38,14 +38,6 @@ def piece(**more: object) -> Piece:
         "z_m": 0.0,
         "size_m": (1.0, 2.0, 3.0),
         "yaw_rad": 0.0,
-        "pitch_rad": 0.0,
-        "roll_rad": 0.0,
-        "mirrored": False,
-        "rotation": None,
-        "color": None,
-        "picture": None,
-        "is_opening": False,
-        "stair_cut": "",
     }
     return Piece(**{**values, **more})
 

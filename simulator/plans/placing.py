@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from surveilnav.simulator.furniture.catalog import CatalogModel, Furniture, stretch
 from surveilnav.simulator.furniture.models import Model
-from surveilnav.simulator.plans.assembly import Mesh
 from surveilnav.simulator.plans.sweethome import Piece
+from surveilnav.simulator.world.assembly import Mesh
 from surveilnav.simulator.world.scene import Material
 
 #: Candidates that must be distorted this much more than the best one are not considered (factor e**0.2).
@@ -49,7 +49,7 @@ class Kind:
     models: tuple[str, ...]
     val: frozenset[str] = frozenset()
 
-    def of_half(self, half: Models) -> tuple[str, ...]:
+    def for_half(self, half: Models) -> tuple[str, ...]:
         """The models that may furnish that half; all where one half has none."""
         chosen = tuple(m for m in self.models if half == "all" or (m in self.val) == (half == "val"))
         return chosen or self.models
@@ -108,7 +108,7 @@ def choose(
     other half would stay in its place; it is fitted "inside" then.
     """
     never = set(_table()["never"])
-    entries = [furniture.by_id[m] for m in kind.of_half(half) if m in furniture.by_id and m not in never]
+    entries = [furniture.by_id[m] for m in kind.for_half(half) if m in furniture.by_id and m not in never]
     if not entries:
         return None
     if kind.fit in ("box", "inside"):

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from surveilnav.errors import BuildingError
-from surveilnav.simulator.world.scene import Floor, Instance, Material, Room, Scene, Stair
+from surveilnav.simulator.world.scene import Floor, Instance, Material, Point3, Room, Scene, Stair, point3
 
 #: The renderer's instance ids are 16 bits wide.
 MAX_INSTANCES = 65_535
@@ -34,13 +34,23 @@ class Mesh:
     materials: tuple[Material, ...]
 
     def moved(self, T: NDArray[np.float64]) -> Mesh:
-        """The mesh under the affine map ``T`` (4, 4); mirrored maps keep the outside outside."""
+        """The mesh under the affine map ``T`` (4, 4). A map that mirrors turns the triangles over, so that outsides stay
+        outside."""
         vertices = (self.vertices.astype(np.float64) @ T[:3, :3].T + T[:3, 3]).astype(np.float32)
-        if np.linalg.det(T[:3, :3]) < 0:
-            return Mesh(
-                vertices, self.triangles[:, ::-1].copy(), self.uvs[:, ::-1].copy(), self.material, self.materials
-            )
-        return Mesh(vertices, self.triangles, self.uvs, self.material, self.materials)
+        step = -1 if np.linalg.det(T[:3, :3]) < 0 else 1
+        triangles, uvs = self.triangles[:, ::step].copy(), self.uvs[:, ::step].copy()
+        return Mesh(vertices, triangles, uvs, self.material, self.materials)
+
+    def part(self, chosen: NDArray[np.bool_]) -> Mesh:
+        """The ``chosen`` triangles (F,) alone, with the vertices that they use."""
+        used, renumbered = np.unique(self.triangles[chosen], return_inverse=True)
+        triangles = renumbered.reshape(-1, 3).astype(np.int32)
+        return Mesh(self.vertices[used], triangles, self.uvs[chosen], self.material[chosen], self.materials)
+
+    @property
+    def box_m(self) -> tuple[Point3, Point3]:
+        """Its lowest and highest corner (x, y, z)."""
+        return point3(self.vertices.min(axis=0)), point3(self.vertices.max(axis=0))
 
 
 class MeshBuilder:
@@ -105,19 +115,11 @@ class MeshBuilder:
             self.quad(corners, material, (np.stack([u, v], axis=1) / tile_m).tolist())
 
     def mesh(self) -> Mesh:
-        """What was collected."""
-        if not self._vertices:
-            return Mesh(
-                np.zeros((0, 3), np.float32),
-                np.zeros((0, 3), np.int32),
-                np.zeros((0, 3, 2), np.float32),
-                np.zeros(0, np.int32),
-                (),
-            )
+        """All that was added."""
         return Mesh(
-            np.concatenate(self._vertices).astype(np.float32),
-            np.concatenate(self._triangles),
-            np.concatenate(self._uvs).astype(np.float32),
+            np.concatenate([np.zeros((0, 3)), *self._vertices]).astype(np.float32),
+            np.concatenate([np.zeros((0, 3), np.int32), *self._triangles]),
+            np.concatenate([np.zeros((0, 3, 2)), *self._uvs]).astype(np.float32),
             np.asarray(self._material, dtype=np.int32),
             tuple(self._materials),
         )
@@ -134,8 +136,8 @@ class SceneBuilder:
     notes: list[str] = field(default_factory=list)
     credits: list[str] = field(default_factory=list)
     instances: list[Instance] = field(default_factory=list)
+    max_triangles: int = 5_000_000
     _meshes: list[Mesh] = field(default_factory=list)
-    _max_triangles: int = 5_000_000
     _triangles: int = 0
 
     def floor(self, floor_id: str) -> Floor:
@@ -149,22 +151,10 @@ class SceneBuilder:
         if len(self.instances) >= MAX_INSTANCES:
             raise BuildingError(f"{self.name} has more than {MAX_INSTANCES} pieces: split it into several buildings")
         self._triangles += len(mesh.triangles)
-        if self._triangles > self._max_triangles:
-            raise BuildingError(f"{self.name} has more than {self._max_triangles} triangles: use simpler models")
-        low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+        if self._triangles > self.max_triangles:
+            raise BuildingError(f"{self.name} has more than {self.max_triangles} triangles: use simpler models")
         number = len(self.instances) + 1
-        self.instances.append(
-            Instance(
-                number,
-                name,
-                label,
-                floor,
-                (float(low[0]), float(low[1]), float(low[2])),
-                (float(high[0]), float(high[1]), float(high[2])),
-                model,
-                room,
-            )
-        )
+        self.instances.append(Instance(number, name, label, floor, *mesh.box_m, model, room))
         self._meshes.append(mesh)
         return number
 
@@ -172,47 +162,36 @@ class SceneBuilder:
         """The scene, hashed."""
         if not self._meshes:
             raise BuildingError(f"{self.name} is empty: expected at least one wall, room or piece of furniture")
-        materials: list[Material] = []
-        index_of: dict[int, int] = {}
-        vertices, triangles, uvs, material, instance = [], [], [], [], []
-        offset = 0
-        for number, mesh in enumerate(self._meshes, start=1):
-            table = np.empty(max(1, len(mesh.materials)), dtype=np.int32)
-            for local, item in enumerate(mesh.materials):
-                if id(item) not in index_of:
-                    index_of[id(item)] = len(materials)
-                    materials.append(item)
-                table[local] = index_of[id(item)]
-            vertices.append(mesh.vertices)
-            triangles.append(mesh.triangles + np.int32(offset))
-            uvs.append(mesh.uvs)
-            material.append(table[mesh.material])
-            instance.append(np.full(len(mesh.triangles), number, dtype=np.uint16))
-            offset += len(mesh.vertices)
+        materials = {id(m): m for mesh in self._meshes for m in mesh.materials}
+        index_of = {key: index for index, key in enumerate(materials)}
+        offsets = np.cumsum([0, *(len(mesh.vertices) for mesh in self._meshes)])
+        tables = [np.array([index_of[id(m)] for m in mesh.materials], dtype=np.int32) for mesh in self._meshes]
         arrays = (
-            np.concatenate(vertices),
-            np.concatenate(triangles),
-            np.concatenate(uvs),
-            np.concatenate(material),
-            np.concatenate(instance),
+            np.concatenate([mesh.vertices for mesh in self._meshes]),
+            np.concatenate(
+                [m.triangles + np.int32(first) for m, first in zip(self._meshes, offsets[:-1], strict=True)]
+            ),
+            np.concatenate([mesh.uvs for mesh in self._meshes]),
+            np.concatenate([table[m.material] for table, m in zip(tables, self._meshes, strict=True)]),
+            np.repeat(np.arange(1, len(self._meshes) + 1, dtype=np.uint16), [len(m.triangles) for m in self._meshes]),
         )
         return Scene(
             self.name,
             *arrays,
-            materials=tuple(materials),
+            materials=tuple(materials.values()),
             instances=tuple(self.instances),
             rooms=tuple(self.rooms),
             floors=tuple(sorted(self.floors, key=lambda f: f.z_m)),
             stairs=tuple(self.stairs),
             source=source,
             credits=tuple(dict.fromkeys(self.credits)),
-            content_hash=_hash(arrays, materials, self.instances),
+            content_hash=_hash(arrays, materials.values(), self.instances),
             notes=tuple(dict.fromkeys(self.notes)),
         )
 
 
-def _hash(arrays: Sequence[NDArray], materials: Sequence[Material], instances: Sequence[Instance]) -> str:
-    """What a picture depends on, in 40 hex digits."""
+def _hash(arrays: Sequence[NDArray], materials: Iterable[Material], instances: Sequence[Instance]) -> str:
+    """A digest, in 40 hex digits, of everything that pictures of the scene depend on."""
     digest = hashlib.blake2b(digest_size=20)
     for array in arrays:
         digest.update(np.ascontiguousarray(array).data)

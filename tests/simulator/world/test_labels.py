@@ -3,8 +3,8 @@ from __future__ import annotations
 import pytest
 
 from surveilnav.perception.vocabulary import COCO
-from surveilnav.simulator.furniture.labels import furniture_of, label_of, stand_in_of, told_by, word_for
-from surveilnav.simulator.furniture.parametric import PIECES
+from surveilnav.simulator.furniture.parametric import SIZES_M
+from surveilnav.simulator.world.labels import furniture_of, label_of, naming_text, stand_in_of, word_for
 
 SIZE = (1.2, 0.8, 0.75)
 
@@ -101,7 +101,7 @@ def test_furniture_that_detectors_have_no_class_for_has_a_kind(name: str, kind: 
     ],
 )
 def test_the_catalogue_id_tells_before_the_name_does(catalog_id: str, name: str, told: str) -> None:
-    assert told_by(catalog_id, name) == told
+    assert naming_text(catalog_id, name) == told
 
 
 def test_words_for_what_has_no_class() -> None:
@@ -125,5 +125,5 @@ def test_stand_ins_are_parametric_pieces() -> None:
         ("Thing", ""),
         ("", "tv"),
     ):
-        assert stand_in_of(name, label) in PIECES
+        assert stand_in_of(name, label) in SIZES_M
     assert stand_in_of("Fitted bath", "") == "bathtub"

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from surveilnav.simulator.plans.polygons import contains, ear_clip, intersect_convex, signed_area, subtract
+from surveilnav.simulator.world.polygons import contains, ear_clip, intersect_convex, signed_area, subtract
 
 
 def star(radii: list[float]) -> np.ndarray:

@@ -6,15 +6,15 @@ from pathlib import Path
 
 import pytest
 
-from surveilnav.simulator.furniture.labels import TARGETS
-from surveilnav.simulator.furniture.placing import Models, kinds, split_kind_of
+from surveilnav.simulator.plans.placing import Models, kinds, split_kind_of
 from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings
 from surveilnav.simulator.sources import EXAMPLE_HOMES, open_building
+from surveilnav.simulator.world.labels import TARGETS
 
 
-def of_half(half: Models) -> set[str]:
+def for_half(half: Models) -> set[str]:
     """The models that targets may be made of in a half."""
-    return {m for kind in kinds().values() if kind.label in TARGETS for m in kind.of_half(half)}
+    return {m for kind in kinds().values() if kind.label in TARGETS for m in kind.for_half(half)}
 
 
 def test_every_target_kind_has_models_in_both_halves() -> None:
@@ -23,13 +23,15 @@ def test_every_target_kind_has_models_in_both_halves() -> None:
         if kind.label in TARGETS:
             assert kind.val
             assert set(kind.models) - kind.val
-            assert set(kind.of_half("train")) | set(kind.of_half("val")) == set(kind.models) == set(kind.of_half("all"))
+            assert (
+                set(kind.for_half("train")) | set(kind.for_half("val")) == set(kind.models) == set(kind.for_half("all"))
+            )
 
 
 def test_the_halves_share_no_model_even_across_kinds() -> None:
-    assert not of_half("train") & of_half("val")
+    assert not for_half("train") & for_half("val")
     for name in ("toilet", "tv"):
-        assert len(kinds()[name].of_half("train")) == len(kinds()[name].of_half("val")) == 2
+        assert len(kinds()[name].for_half("train")) == len(kinds()[name].for_half("val")) == 2
 
 
 def test_pieces_that_stay_have_a_kind_for_the_halves() -> None:
@@ -55,7 +57,7 @@ def test_homes_keep_to_their_half(home: str) -> None:
         scene = open_building(home, models=half)
         used = {i.model for i in scene.instances if i.label in TARGETS}
         assert used
-        assert used <= of_half(half)
+        assert used <= for_half(half)
         counts.append([(i.label, i.floor) for i in scene.instances if i.label in TARGETS])
     assert counts[0] == counts[1]
 

@@ -25,8 +25,8 @@ KINDS = things() - _CLASSES
 _MIN_TABLE_HEIGHT_M, _MIN_TABLE_SIDE_M, _MAX_PLANT_HEIGHT_M = 0.55, 0.6, 2.5
 
 
-def told_by(catalog_id: str, name: str) -> str:
-    """The text that says what a piece is: its catalogue id if that names a thing, else its name.
+def naming_text(catalog_id: str, name: str) -> str:
+    """Returns the text that says what a piece is: its catalogue id if that names a thing, else its name.
 
     The id ("eTeks#bedsideTable") comes first: a translation leaves it as it was. What stands before the "#" is the author.
     A bare shape ("eTeks#texturableBox") stands for whatever it is called: a carpet, a shelf.
