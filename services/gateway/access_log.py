@@ -153,7 +153,7 @@ class AccessLog:
         return _began(file).date() != now.date() or not file.exists() or file.stat().st_size >= _FILE_BYTES
 
     def _drop_old(self, folder: Path, now: datetime) -> None:
-        """Removes files that end before ``keep``, and the oldest ones as long as all together are too large."""
+        """Removes files whose lines are all older than ``keep``, and the oldest files while all together are too large."""
         files = _files(folder)
         sizes = {file: file.stat().st_size for file in files}
         for file, following in zip(files, [*files[1:], None], strict=False):

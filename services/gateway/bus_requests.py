@@ -17,7 +17,7 @@ def request(node: Node, owner: str, stream: Stream, message: Any = None, **optio
 
     Args:
         node: the gateway's.
-        owner: what problems call the service that is asked.
+        owner: the asked service's name, for the texts of problems.
         stream: the contract's stream.
         message: the request's message; None if it has none.
         options: as for ``Node.ask``.

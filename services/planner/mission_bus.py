@@ -123,7 +123,7 @@ class MissionBus:
                     return newest
 
     def _revision_with(self, seq: int, began_s: float) -> Revision:
-        """Waits until the maps of some floor contain the robot's observation ``seq``; returns the newest revision of that floor."""
+        """Waits until a floor's maps contain the robot's observation ``seq``; returns the newest revision of that floor."""
         asked_s = time.monotonic()
         while True:
             rows = [row.message for row in self.revisions.rows()]

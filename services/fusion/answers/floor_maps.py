@@ -31,7 +31,7 @@ class _AnsweredLayer:
     """A layer as it was last sent.
 
     Attributes:
-        changed_at: a revision at or after its last change; it hasn't changed since.
+        changed_at: the revision at which it was first sent as it is now. It may have changed before that, but not since.
         newest_at: the newest revision at which it was compared.
     """
 

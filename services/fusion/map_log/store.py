@@ -179,7 +179,7 @@ class Store:
             db.execute("PRAGMA wal_checkpoint(TRUNCATE)")
 
     def snapshots(self) -> Iterator[tuple[int, bytes | None]]:
-        """The snapshots, newest first: (number up to which it contains the log, its bytes or None if damaged). Raises StoreError."""
+        """The snapshots, newest first: (log number up to which it goes, its bytes or None if damaged). Raises StoreError."""
         with self._reading() as db:
             rows = db.execute("SELECT id, up_to, pieces, checksum FROM snapshot ORDER BY id DESC").fetchall()
         for id, up_to, n_pieces, checksum in rows:
@@ -216,7 +216,7 @@ class Store:
         return removed
 
     def set_aside(self, reason: str, *, copy: bool = False) -> Path:
-        """Moves or copies the file to a name that ends in ``reason``, replacing an older one; returns its path. Raises StoreError."""
+        """Moves or copies the file to a name that ends in ``reason``; returns the new path. Raises StoreError."""
         self.close()
         aside = self.path.with_name(f"{self.path.name}.{reason}")
         try:
