@@ -63,7 +63,10 @@ def layers(node: Node, floor: str, target: str) -> Layers:
 
 
 def objects(node: Node, floor: str) -> list[ObjectRecord]:
-    """The objects of a floor with all that ever happened to them."""
+    """Asks fusion for the objects of a floor, each with its whole history.
+
+    If fusion doesn't answer, a warning is logged and the list is empty.
+    """
     try:
         return list(node.ask(OBJECTS, floor=floor, parameters={"history": "all"}).message.objects)
     except BusError as error:

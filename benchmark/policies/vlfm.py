@@ -32,7 +32,10 @@ _WORSE = 0.01
 
 
 class VlfmRule:
-    """Chooses the best frontier by value; remembers the value of the last one."""
+    """Chooses the frontier of the highest value.
+
+    It remembers the value of the frontier that it chose last, because that frontier is kept until its value falls.
+    """
 
     def __init__(self) -> None:
         self._last_value = 0.0
@@ -48,7 +51,7 @@ class VlfmRule:
 
 
 def valued(frontier: Frontier, maps: FloorMaps, config: PlannerConfig) -> Frontier:
-    """With its value; 0 where the map knows none."""
+    """The frontier with its value and score set: the median of the values known near it; 0 if the map knows none."""
     known = values_near(maps, frontier, config.value_radius_m)
     value = float(np.median(known)) if known.size else 0.0
     return replace(frontier, value=value, score=value)

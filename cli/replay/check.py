@@ -26,9 +26,15 @@ _MOST_MAPS_BYTES = 2 << 30
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """``recorded``: what the maps came to when the mission ended ("" where the recording doesn't tell); ``replayed``: what
-    they come to now. ``views``: so many were integrated, after a snapshot of maps of ``began_with`` views. ``ended``: whether
-    the recording has its end."""
+    """The result of making a recording's maps again: the digest of the recorded maps and of the maps made now.
+
+    Attributes:
+        recorded: digest of fusion's maps when the mission ended; "" if the recording doesn't have it.
+        replayed: digest of the maps that were made now from the recording.
+        views: how many of the recorded views were integrated into the maps for this.
+        began_with: how many views were in the maps with which the recording begins (its snapshot).
+        ended: whether the recording is complete; False: it was cut off before its end.
+    """
 
     recorded: str
     replayed: str
@@ -38,7 +44,7 @@ class Outcome:
 
     @property
     def same(self) -> bool:
-        """Whether both are the same."""
+        """Whether both digests are equal, that is, the maps are the same to the bit."""
         return self.recorded == self.replayed
 
     def in_words(self) -> str:

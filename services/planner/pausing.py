@@ -10,7 +10,10 @@ class PausedError(Exception):
 
 
 class Pause:
-    """Whether a mission is paused, and the ``reason``; None: it isn't. Any thread may begin and end the pause."""
+    """Whether a mission is paused, and why. Any thread may begin and end the pause.
+
+    ``reason`` is why the mission is paused, and None while it isn't paused.
+    """
 
     def __init__(self, reason: str | None) -> None:
         self.reason = reason

@@ -77,11 +77,12 @@ def read_glb(path: Path, *, max_texture_px: int | None = None) -> Glb:
     """Reads a GLB (glTF 2.0, binary).
 
     Args:
-        max_texture_px: pictures are reduced to this; default 2048, or 1024 where there are many.
+        max_texture_px: textures with a longer side than this are scaled down to it [pixels]; None: 2048, or 1024 if the
+            file has more than 16 textures.
 
     Raises:
-        BuildingError: damaged, cut short, no GLB, too large, or in need of an extension that isn't read; or trimesh
-            isn't installed.
+        BuildingError: the file is damaged, cut short, no GLB or too large, or it requires a glTF extension that this
+            reader doesn't know; or trimesh isn't installed.
     """
     header, blob = _chunks(path)
     try:

@@ -182,7 +182,8 @@ def _merged(parts: Sequence[MeshPart], kind: str) -> MeshPart | None:
 
 
 def box_of(meshes: Sequence[Mesh]) -> NDArray[np.float64]:
-    """Low and high corner (2, 3) of some meshes."""
+    """The smallest axis-aligned box around all of the meshes: (2, 3), its low and its high corner, in the frame and unit of
+    their vertices. There must be at least one mesh."""
     low = np.min([mesh.vertices.min(axis=0) for mesh in meshes], axis=0)
     high = np.max([mesh.vertices.max(axis=0) for mesh in meshes], axis=0)
     return np.array([low, high], dtype=np.float64)

@@ -237,10 +237,11 @@ class NavigationMap:
     # ---- distances ---------------------------------------------------------------------------------------------
 
     def distance_field(self, goals: Mapping[str, ArrayLike]) -> DistanceField:
-        """Distances from everywhere to the nearest goal, over stairs too (30-100 ms per floor).
+        """Computes the distance from every free cell to the nearest goal, along stairs too (30-100 ms per floor).
 
         Args:
-            goals: by floor, points (n, 2 or 3) [m]; those in cells that aren't free are ignored, the others count
-                as the centres of their cells.
+            goals: by floor, points (n, 2) or (n, 3) [m, world]; a z is ignored, since the floor is named. A goal counts
+                as the centre of its cell. Goals in cells that aren't free are ignored; if none is left, all distances
+                are infinite.
         """
         return distance_field(self.floors, self.transits, goals)

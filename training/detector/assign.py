@@ -19,9 +19,14 @@ _EPS = 1e-9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Targets:
-    """What objects a batch shows, padded to G a picture.
+    """The true objects in a batch of B pictures.
 
-    ``boxes`` (B, G, 4) xyxy [pixels]; ``labels`` (B, G) int64; ``real`` (B, G) bool, False: padding.
+    Pictures have different numbers of objects, so the rows of each are filled up to G, the largest number in the batch.
+
+    Attributes:
+        boxes: (B, G, 4) corners x0, y0, x1, y1 [pixels].
+        labels: (B, G) int64, the number of the object's class.
+        real: (B, G) bool, whether the row is an object; False: it only fills up.
     """
 
     boxes: Tensor

@@ -95,7 +95,8 @@ def fitted(buildings: Sequence[views.MeasuredViews], args: argparse.Namespace, d
 
 
 def presence_of(buildings: Sequence[views.MeasuredViews]) -> np.ndarray:
-    """(views, 80) of all views."""
+    """How surely each class is in each view by the view's embedding: (V, 80) float32, 0 to 1, of all V views of the
+    buildings in order. The 80 columns are COCO's classes (``class_space.presence``)."""
     return np.array([look.presence for building in buildings for look in building.views], np.float32)
 
 

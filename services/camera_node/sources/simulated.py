@@ -28,7 +28,7 @@ class SimulatedSource:
         return 0
 
     def content(self, view: int) -> str:
-        """A hash of scene, pose and rendering settings."""
+        """A hash of all that the picture of a view depends on: scene, pose of the view and rendering settings."""
         return self._building.camera_content(self._camera, view)
 
     def latest(self, view: int) -> Picture:

@@ -29,10 +29,14 @@ def probe_task() -> ViewTask:
 
 
 def find_problem(seen: ViewPerception | None, embedding_dim: int) -> str:
-    """What is malformed in the answer to the probe; empty if nothing is.
+    """Checks a backend's answer to the probe picture, and returns in words what is malformed; "" if nothing is.
 
     A well-formed answer has unit embeddings of ``embedding_dim`` finite numbers, boxes inside the picture, masks of the
     size of their boxes, and scores from 0 to 1.
+
+    Args:
+        seen: the answer; None if the backend's last stage gave none, which is a problem, too.
+        embedding_dim: the length of embeddings that the backend states.
     """
     if seen is None:
         return "its last stage gave no answer"

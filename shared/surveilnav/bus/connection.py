@@ -114,7 +114,10 @@ class Connection:
         self._threads.append(thread)
 
     def keep(self, declared: object) -> None:
-        """Holds a reference to a Zenoh object, which Zenoh would undeclare when it is garbage-collected."""
+        """Keeps a declared Zenoh object (such as a subscriber) until the connection is closed.
+
+        Without a reference Python would garbage-collect it, and Zenoh would undeclare it.
+        """
         self._declared.append(declared)
 
     def key(self, stream: Stream, **ids: object) -> str:

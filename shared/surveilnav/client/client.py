@@ -260,15 +260,21 @@ class Client:
     # --- streams ----------------------------------------------------------------------------------------------------
 
     def events(self, last_id: str = "") -> Iterator[ServerEvent[rest.Event]]:
-        """What changes, as it changes, without end. It connects again by itself and misses nothing.
+        """Yields what changes, as it changes, without end. If the connection breaks, it connects again and goes on.
 
-        The first event is `reset`: read the state, then go by what follows. ``last_id`` is the id of the last event that was
-        received before; with it, the stream goes on there.
+        A `reset` comes first: read the state (missions, cameras, robots, objects), then go by what follows. It comes again if
+        events were lost, because the gateway was restarted or keeps only newer ones: read the state again.
+
+        Args:
+            last_id: the id of the last event that was received before; with it, the stream goes on after that event.
         """
         return self._follow("events", last_id, lambda kind, data: rest.Event.model_validate(data))
 
     def live(self, last_id: str = "") -> Iterator[ServerEvent[rest.LiveState]]:
-        """The state of everything, and then of each thing whenever it changes. It connects again as ``events`` does."""
+        """Yields the state of everything, then of each thing whenever it changes. It connects again as ``events`` does.
+
+        After a `reset`, forget all that was received before: the state of everything follows.
+        """
         return self._follow("live", last_id, rest.LiveState.of_kind)
 
     def tiles(self, of: Sequence[str], last_id: str = "") -> Iterator[ServerEvent[rest.TileState]]:

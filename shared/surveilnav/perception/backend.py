@@ -104,7 +104,7 @@ class Backend(ABC):
 
     @property
     def calibrated(self) -> bool:
-        """Whether its detections have calibrated probabilities."""
+        """Whether its detections have a calibrated probability (``DetectedObject.chance``); else only a score."""
         return self.chances is not None
 
     def assign_chances(self, batch: Sequence[ViewTask]) -> None:

@@ -80,7 +80,7 @@ class DetectedObject:
 
     @property
     def confidence(self) -> float:
-        """The calibrated probability, or the score of a detector that isn't calibrated."""
+        """How sure the label is, 0-1: ``chance`` if the detection is calibrated, else the detector's ``score``."""
         return self.score if self.chance is None else self.chance
 
 

@@ -48,7 +48,12 @@ class FreeDepthImage:
 
     @classmethod
     def from_view(cls, view: PosedView, config: MapConfig) -> FreeDepthImage:
-        """The free depths of a view. A cell in which fewer than half of the pixels have a depth says nothing."""
+        """Computes from a view's depth up to which depth the space in front of it is free.
+
+        The picture is divided into about 80 cells across. The free depth of a cell is 0 (unknown) unless, in it and in each of its
+        eight neighbours, more than half of the sampled pixels have a depth within the sensor's range and the range that ``config``
+        sets. So it is 0 in all cells at the picture's edge.
+        """
         pinhole = view.camera
         near_m, far_m = view.depth_range_m
         far_m = min(far_m, config.max_range_robot_m if view.is_robot else config.max_range_camera_m)

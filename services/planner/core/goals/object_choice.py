@@ -34,12 +34,17 @@ class ObjectGoal:
 
 
 def promising_object(context: StepContext) -> ObjectGoal | None:
-    """The best of the promising objects that aren't blacklisted; unconfirmed ones that are deferred are left out, too."""
+    """Chooses the object to head for instead of exploring: of the promising ones (``objects.promising``) that of the highest
+    utility, where the object that the robot is heading for already is kept unless another is clearly better.
+
+    Blacklisted objects are left out, and so are unconfirmed ones that ``is_deferred`` leaves for the end. Returns None if no
+    object is left.
+    """
     return _best(context, _available_promising(context))
 
 
 def any_object(context: StepContext) -> ObjectGoal | None:
-    """The best of all candidates that aren't blacklisted, however unlikely they are."""
+    """The same choice from all candidates that aren't blacklisted, however unlikely they are; None if there are none."""
     known = objects.candidates(context.maps.objects, context.state, context.config)
     return _best(context, [o for o in known if not is_blacklisted(context, o)])
 

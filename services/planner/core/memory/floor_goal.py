@@ -7,9 +7,13 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class FloorGoal:
-    """The floor that the robot is heading for, the reason for people, and the expected utility of going there.
+    """The floor that the robot is heading for.
 
-    ``utility``: chance of finding the target per metre, as for objects and frontiers.
+    Attributes:
+        to_floor: the floor's id.
+        why: the reason, as a text that people are shown.
+        utility: the expected chance of finding the target there per metre of travel, comparable with the utilities of
+            objects and frontiers.
     """
 
     to_floor: str

@@ -39,7 +39,12 @@ _FAMILIES: dict[str, Any] = {"yolox": Yolox, "deimv2": Deimv2, "picodet": Picode
 
 
 def load(path: Path, family: str, runtime: Runtime) -> Network:
-    """Loads a network of a ``family`` ("yolox", "deimv2", "picodet") from an ONNX file.
+    """Loads a detector of COCO's classes from an ONNX file.
+
+    Args:
+        path: the file.
+        family: the architecture, which decides how inputs and outputs are read: "yolox", "deimv2" or "picodet".
+        runtime: where and how the network runs.
 
     Raises:
         PerceptionError: the file can't be loaded, or the family is unknown.

@@ -27,7 +27,10 @@ _MAX_TOKENS = 77  # length of a text in training
 
 
 class OmDetTurbo:
-    """A ``Detector`` with an open vocabulary, which still refuses some words (``ChecksWords``)."""
+    """A ``Detector`` that looks for any words, except those longer than the texts that it was trained with.
+
+    For these, ``refusal`` says why (``ChecksWords``).
+    """
 
     vocabulary = None
 

@@ -34,7 +34,7 @@ _BATCH = 64
 
 
 class Clip:
-    """An ``Embedder``."""
+    """An ``Embedder`` of pictures, objects and texts with a CLIP, SigLIP or SigLIP 2 model in PyTorch (transformers)."""
 
     def __init__(self, path: Path, model: str, runtime: Runtime | None = None) -> None:
         """Loads a model from a folder in the format of transformers.
