@@ -1,4 +1,4 @@
-"""``python -m surveilnav.services.fusion``: the joint maps of a building."""
+"""``python -m surveilnav.services.fusion`` runs the fusion service, which keeps the joint maps of a building."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ from surveilnav.services.fusion.perceived import PerceivedView, ViewKey
 #: A copy of the maps and of what they have processed, as plain values (``BuildingMaps.freeze``).
 State = dict[str, Any]
 
-#: Faults that make it unknown on which floor a view was taken.
+#: Names of faults after which it isn't known on which floor a view was taken.
 _PLACE_UNKNOWN = {"bad_pose", "pose_jump", "time_backwards", "out_of_map"}
 
 
@@ -31,13 +31,13 @@ class LastObservation:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What became of a view.
+    """What integrating a view has led to.
 
     Attributes:
         floor: the floor that it was integrated into, or refused on; "" if unknown.
-        integrated: whether the maps changed.
+        integrated: whether the view entered the maps.
         fault: why it was refused; "" if it wasn't.
-        changes: events of objects.
+        changes: what happened to objects because of this view.
         n_missed: number of observations of the same robot that are missing before this one.
     """
 
@@ -53,8 +53,8 @@ class ProcessedViews:
 
     Attributes:
         robots: the newest processed observation of each robot.
-        views: indices of the processed views of each camera. Nobody needs to wait for these any more.
-        digests: hashes of the cameras' pictures that the maps hold.
+        views: indices of each camera's views of which at least one picture was processed, so that nobody waits for them.
+        digests: hash of the picture that was last integrated, for each view of a camera.
         faults: for views whose newest picture was refused, why it was.
     """
 
@@ -73,7 +73,7 @@ class ProcessedViews:
         return self.views.get(camera, set())
 
     def repeats_fault(self, perceived: PerceivedView) -> bool:
-        """Whether a camera's view has the same fault as its previous picture."""
+        """Whether a picture of a camera has a fault, and the view's previous picture had the same."""
         key, fault = perceived.key, perceived.fault
         return bool(fault) and key[0].startswith("camera/") and self.faults.get(key) == _fault_message(perceived, fault)
 
@@ -119,7 +119,7 @@ class BuildingMaps:
     Attributes:
         joint: the joint maps. Whoever reads or changes them holds ``lock``.
         processed: which views they have processed.
-        number: number of the newest of these views in the log of views; 0 without a log.
+        number: the log number of the view that was processed last; 0 without a log.
         epoch: changes when revisions start anew, as after a restart. Revisions of different epochs can't be compared.
     """
 
@@ -155,7 +155,7 @@ class BuildingMaps:
         return Outcome(result.floor, True, "", result.changes, n_missed)
 
     def freeze(self) -> State:
-        """A copy of everything. The maps may change afterwards. Safe from any thread."""
+        """A copy of everything, which stays as it is when the maps change. Safe from any thread."""
         with self.lock:
             return {"number": self.number, "maps": freeze(self.joint), "processed": self.processed.state()}
 

@@ -1,4 +1,4 @@
-"""A view on its way into the maps, together with what perception found in it."""
+"""A view between perception and the maps: the picture, and what perception found in it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ ViewKey = tuple[str, int]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PerceivedView:
-    """A view and perception's answer about it.
+    """A view with perception's answer, ready to be logged and integrated.
 
     Attributes:
         key: source and index of the view.

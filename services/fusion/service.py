@@ -1,4 +1,4 @@
-"""The fusion service: integrates perceived views into the joint maps, and announces and serves these."""
+"""The fusion service: integrates perceived views into the joint maps, announces each revision, and answers queries."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from surveilnav.services.fusion.map_log.log import MapLog
 
 
 class FusionService:
-    """Follows robots, invokes cameras, has perception look at every new view, and keeps the joint maps."""
+    """Keeps the joint maps of the building: follows robots, invokes cameras, and has perception process every new view."""
 
     def __init__(self, node: Node, settings: FusionSettings, keep_pictures_s: float | None = None) -> None:
         """``keep_pictures_s``: how long pictures may stay in the log; None: as long as the log needs them."""
@@ -42,7 +42,7 @@ class FusionService:
         """Starts to answer queries, on threads of the node."""
         reader = MapReader(self._maps, self._intake.texts, self._intake.positions)
         objects, log = ObjectAnswers(reader, self._log), LogAnswers(self._maps, self._log)
-        # a query for a value layer may wait for perception; others mustn't wait for it
+        # a query for a value layer may wait for perception; more workers keep other queries from waiting behind it
         self._node.serve(FLOOR_MAPS, FloorMapsAnswers(reader, self._revisions).floor_maps, workers=3)
         self._node.serve(MAP_LAYER, LayerAnswers(self._node, reader).layer, workers=3)
         self._node.serve(OBJECTS, objects.objects)
@@ -54,9 +54,9 @@ class FusionService:
 
     def step(self) -> bool:
         """One turn of the main loop; True if there was something to do."""
-        # invoke cameras (eq. 1), receive the newest frame of everybody, ask perception about each
+        # invoke cameras (eq. 1), receive the newest frame of each view, and send it to perception
         arrived = self._intake.poll()
-        # log what perception has finished, and integrate it; while views wait for the disk, no others are taken
+        # log the views that perception has finished, and integrate them; while views wait for the disk, take no more
         perceived = [] if self._log.is_blocked else self._intake.pop_perceived()
         self._log.integrate(perceived)
         # announce what the maps now hold
@@ -64,7 +64,7 @@ class FusionService:
         return bool(arrived or perceived)
 
     def close(self) -> None:
-        """Finishes what is being written."""
+        """Waits until a snapshot that is being written is finished, and closes the log."""
         self._log.close()
 
     def _on_forget(self, request: Request) -> Answer:

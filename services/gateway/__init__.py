@@ -1,1 +1,1 @@
-"""The gateway: missions, cameras, robots, objects, map layers and traffic over HTTP, and a plain page."""
+"""The gateway: REST resources for missions, cameras, robots, objects, maps and traffic, event streams, and a web page."""

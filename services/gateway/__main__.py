@@ -1,4 +1,4 @@
-"""``python -m surveilnav.services.gateway``: REST and a page at http://127.0.0.1:8080."""
+"""``python -m surveilnav.services.gateway`` serves REST and a web page at http://127.0.0.1:8080."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from surveilnav.services.gateway.app import create_app
 from surveilnav.services.gateway.config import GatewaySettings
 from surveilnav.services.gateway.service import Gateway
 
-#: Bytes that a client doesn't acknowledge wait for so long, then the kernel ends its connection.
+#: The kernel closes a connection whose client hasn't acknowledged the bytes sent to it for this time.
 _UNREAD_MS = 30_000
 
 
@@ -43,7 +43,7 @@ def listen(host: str, port: int) -> socket.socket:
 
 
 def web_server(gateway: Gateway, names: frozenset[str] | None, root_path: str = "") -> uvicorn.Server:
-    """The server around ``gateway``, which answers under those names (None: under any); its streams end with it.
+    """A web server for ``gateway``. It answers to the hosts ``names`` (None: to any), and ends its streams when it stops.
 
     uvicorn ignores ``X-Forwarded-*``; only the access log uses them, from proxies that the settings name.
     """

@@ -2,8 +2,9 @@
 
     {"time":"2026-01-31T10:00:41Z","client":"10.0.0.12","camera":"c0-1","view":3,"what":"latest"}
 
-A client that keeps watching is recorded once a minute. A new file is begun every day and when one is full; the oldest files
-are removed when they are too old or too many. The newest lines are kept in memory, too; without a folder only there.
+A client that keeps watching is recorded once a minute. A new file is begun every day, and when the current one is full. Files
+are removed when they are too old, or when all together are too large. The newest lines are also kept in memory; without a
+folder, only there.
 """
 
 from __future__ import annotations
@@ -43,13 +44,13 @@ class LogLine(msgspec.Struct, frozen=True):
 
 
 class AccessLog:
-    """Records who is shown cameras' pictures. Whatever shows one calls ``record``, each time. Thread-safe.
+    """Records who is shown cameras' pictures. All code that shows a picture must call ``record`` each time. Thread-safe.
 
     Args:
-        folder: where the files go; None: nowhere.
-        keep: how long a line is kept; in files about a day longer.
-        max_bytes: the most that all files have.
-        trusted_proxies: they are believed whom they ask for.
+        folder: the folder of the files; None: there are no files.
+        keep: how long a line is kept. Files may keep it for about a day longer.
+        max_bytes: maximum size of all files together.
+        trusted_proxies: proxies whose ``X-Forwarded-For`` is believed.
     """
 
     def __init__(
@@ -73,7 +74,7 @@ class AccessLog:
             threading.Thread(target=self._write_all, args=(folder,), name="access log", daemon=True).start()
 
     def record(self, request: HTTPConnection, camera: str, view: int, what: str) -> None:
-        """Records that the sender of ``request`` is shown a view now. ``what``: as in ``LogLine``."""
+        """Records that the client that sent ``request`` is shown a view now. ``what``: as in ``LogLine``."""
         peer = request.client.host if request.client else ""
         forwarded = request.headers.getlist("x-forwarded-for")
         self.add(client_address(peer, forwarded, self._trusted_proxies), camera, view, what)
@@ -100,7 +101,7 @@ class AccessLog:
         return [AccessRecord(time=line.time, client=line.client, view=line.view, what=line.what) for line in lines]
 
     def remove_old_files(self, now: datetime | None = None) -> None:
-        """Removes files whose lines are too old. To be called now and then: there may be no access for months."""
+        """Removes files whose lines are too old. To be called regularly, since there may be no access for months."""
         now = now or datetime.now(UTC)
         if self._folder is None:
             return
@@ -136,7 +137,7 @@ class AccessLog:
             self._unwritten.task_done()
 
     def _write(self, folder: Path, line: LogLine) -> None:
-        """Appends a line. A disk that can't be written costs the lines on it and is logged: people may have to see pictures."""
+        """Appends a line. If the disk can't be written, the line is lost and an error logged, but pictures are still shown."""
         try:
             folder.mkdir(parents=True, exist_ok=True)
             if self._file is None or self._is_full(self._file, line.time):
@@ -152,7 +153,7 @@ class AccessLog:
         return _began(file).date() != now.date() or not file.exists() or file.stat().st_size >= _FILE_BYTES
 
     def _drop_old(self, folder: Path, now: datetime) -> None:
-        """Removes files that ended before what is kept, and the oldest while all together are too large."""
+        """Removes files whose lines are all older than ``keep``, and the oldest files while all together are too large."""
         files = _files(folder)
         sizes = {file: file.stat().st_size for file in files}
         for file, following in zip(files, [*files[1:], None], strict=False):

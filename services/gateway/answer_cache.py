@@ -27,7 +27,7 @@ class AnswerCache(Generic[T]):
     """Caches the answers to the ``max_entries`` most recent questions.
 
     An answer older than ``max_age_s`` is computed again. Concurrent callers with the same question share one computation
-    (like Go's singleflight), also where it fails: many viewers of a camera that doesn't answer wait for it once.
+    (like Go's singleflight), also if it fails: many viewers of a camera that doesn't answer wait for one time-out only.
     """
 
     def __init__(self, max_age_s: float = 1.0, max_entries: int = _MAX_ENTRIES) -> None:
@@ -55,12 +55,12 @@ class AnswerCache(Generic[T]):
             return entry.answer
 
     def clear(self) -> None:
-        """Removes all answers. Those that are being computed are returned to whoever waits, but not cached."""
+        """Removes all answers. An answer that is being computed goes to those who wait for it, but isn't cached."""
         with self._lock:
             self._entries.clear()
 
     def drop_older(self, age_s: float) -> int:
-        """Removes the answers that are older; returns how many. One that is being computed stays."""
+        """Removes answers of at least this age and returns their number. An answer that is being computed stays."""
         now_s = time.monotonic()
         with self._lock:
             old = [

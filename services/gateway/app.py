@@ -12,11 +12,8 @@ from surveilnav.services.gateway.service import Gateway
 
 
 def create_app(gateway: Gateway, allowed_hosts: frozenset[str] | None) -> FastAPI:
-    """The application around ``gateway``, which answers under those names (None: under any).
-
-    It serves until its owner closes the gateway's node.
-    """
-    # FastAPI's own documentation pages load their scripts from elsewhere, so `pages` has others.
+    """The web application for ``gateway``. It answers requests to the hosts ``allowed_hosts`` (None: to any)."""
+    # FastAPI's own documentation pages load scripts from other servers, so `pages` has ours.
     app = FastAPI(
         title="SurveilNav",
         version=__version__,

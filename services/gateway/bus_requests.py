@@ -1,4 +1,4 @@
-"""Requests to other services over the bus. What can't be had becomes a ``Problem``."""
+"""Requests to other services over the bus. A failure becomes a ``Problem``, which the client gets as the HTTP answer."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ _STARTABLE = ("planner", "fusion", "perception", "recorder")
 
 
 def request(node: Node, owner: str, stream: Stream, message: Any = None, **options: Any) -> Received[Any]:
-    """Sends a request and returns the answer. Blocks for as long as the contract lets an answer take.
+    """Sends a request and returns the answer. Blocks until the answer is there, at most for the contract's time-out.
 
     Args:
         node: the gateway's.
-        owner: who is asked, as problems name it.
-        stream: of the contract.
-        message: the request's; None if it has none.
+        owner: the asked service's name, for the texts of problems.
+        stream: the contract's stream.
+        message: the request's message; None if it has none.
         options: as for ``Node.ask``.
 
     Raises:
@@ -36,10 +36,10 @@ def request(node: Node, owner: str, stream: Stream, message: Any = None, **optio
 
 
 def request_existing(node: Node, what: str, id: str, owner: str, stream: Stream, **options: Any) -> Received[Any]:
-    """The answer about something that may not exist: ``what`` with that ``id``, which an ``owner`` keeps.
+    """Requests something that may not exist: a ``what`` with this ``id``, for example floor "1", from a service ``owner``.
 
     Raises:
-        Problem: as ``request``; 404 if an owner is there, but refuses or none of its kind keeps that id.
+        Problem: as ``request``, but 404 if a service of that kind is alive and says that it doesn't have the id.
     """
     try:
         return request(node, owner, stream, **options)
@@ -51,6 +51,6 @@ def request_existing(node: Node, what: str, id: str, owner: str, stream: Stream,
 
 
 def absent(owner: str) -> Problem:
-    """503: nobody of that kind is there; the detail says how to start one."""
+    """Problem 503: no service of that kind is alive. The detail says how to start one."""
     hint = f"; start one with `python -m surveilnav.services.{owner}`" if owner in _STARTABLE else ""
     return Problem(503, "absent", f"no {owner} is there{hint}")

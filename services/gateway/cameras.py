@@ -1,4 +1,4 @@
-"""Cameras: what they show and what people have them do, and pictures that are forgotten; ``/cameras`` and ``/pictures``."""
+"""Cameras and their pictures, pausing cameras, and forgetting past pictures; the routes ``/cameras`` and ``/pictures``."""
 
 from __future__ import annotations
 
@@ -36,14 +36,14 @@ _View = Annotated[int, Path(ge=0, le=65535)]
 
 
 class Cameras:
-    """All cameras that ever announced themselves; those that left are stale."""
+    """All cameras that have announced themselves. Those that have left the bus are marked as stale."""
 
     def __init__(self, state: BuildingState) -> None:
         self._state, self._node = state, state.node
         self.thumbnails: AnswerCache[bytes] = AnswerCache()  # by camera and view
 
     def all(self) -> list[Camera]:
-        """Every camera, with what the maps hold of it and what it last saw."""
+        """Every camera, with how many of its views the maps hold, and what it last detected."""
         uses = {u.camera: u for r in self._state.revisions.rows() for u in r.message.cameras}
         summaries = self._state.summaries.newest("camera")
         alive = self._node.alive("camera")
@@ -65,9 +65,9 @@ class Cameras:
         )
 
     def thumbnail(self, id: str, view: int, width_px: int = 0) -> bytes:
-        """A JPEG that the camera makes for this call: viewer traffic, no invocation.
+        """A JPEG that the camera makes for this call. That counts as viewer traffic and doesn't invoke the camera.
 
-        ``width_px`` is at most what the camera's settings say; 0: as wide as that.
+        ``width_px``: limited by the camera's settings; 0 is the widest.
         """
         camera = self.one(id)
         views = sorted(v.view for v in camera.views)
@@ -84,7 +84,7 @@ class Cameras:
         return min((v.view for v in self.one(id).views), default=0)
 
     def latest(self, id: str, view: int) -> bytes:
-        """A thumbnail that is at most a second old: many viewers cost the camera one picture."""
+        """A thumbnail that is at most a second old. All viewers within that second get the same picture."""
         return self.thumbnails.get((id, view), lambda: self.thumbnail(id, view))
 
     def cones(self, id: str) -> list[CameraCone]:
@@ -114,7 +114,7 @@ class Cameras:
 
 
 class PastPictures:
-    """Past pictures: the gateway's own, which a thread removes when they are old, and those that other services keep."""
+    """Removes past pictures: old ones of the gateway regularly, on a thread; all of all services on request."""
 
     def __init__(self, node: Node, thumbnails: AnswerCache[bytes], access_log: AccessLog) -> None:
         self._node, self._thumbnails, self._access_log = node, thumbnails, access_log
@@ -125,7 +125,7 @@ class PastPictures:
         """Has every service forget past pictures, and returns what each answered.
 
         Raises:
-            Problem: fusion is there and doesn't answer (504, with the answers of the others).
+            Problem: fusion is alive but doesn't answer (504, with the answers of the other services).
         """
         message = ForgetPictures(stamp_ns=clock_ns(), reason="a client of the gateway asked for it")
         n_dropped = self._thumbnails.drop_older(0.0)
@@ -159,7 +159,7 @@ def router(cameras: Cameras, pictures: PastPictures, access_log: AccessLog) -> A
 
     @router.get("/cameras/{id}/views/{view}.jpg", response_class=Response, responses=JPEG)
     def picture(request: Request, id: Id, view: _View) -> Response:
-        """A thumbnail that the camera makes for this request: viewer traffic, not an invocation."""
+        """A thumbnail that the camera makes for this request. It counts as viewer traffic and doesn't invoke the camera."""
         jpeg = cameras.thumbnail(id, view)
         access_log.record(request, id, view, "thumbnail")
         return Response(jpeg, media_type="image/jpeg", headers={"Cache-Control": "no-store"})
@@ -171,7 +171,7 @@ def router(cameras: Cameras, pictures: PastPictures, access_log: AccessLog) -> A
         view: Annotated[int | None, Query(ge=0, le=65535)] = None,
         if_none_match: IfNoneMatch = "",
     ) -> Response:
-        """A picture at most a second old, of the view named or else the first: many viewers cost the camera one picture."""
+        """A picture at most a second old, of ``view`` or else of the first view. Many viewers share one picture."""
         chosen = cameras.first_view(id) if view is None else view
         jpeg = cameras.latest(id, chosen)
         access_log.record(request, id, chosen, "latest")
@@ -179,7 +179,7 @@ def router(cameras: Cameras, pictures: PastPictures, access_log: AccessLog) -> A
 
     @router.get("/cameras/{id}/looks", name="looked")
     def access_records(id: Id, limit: Limit = 100, offset: Offset = 0) -> Items[AccessRecord]:
-        """Who was shown pictures of a camera, and when, newest first; also of a camera that was forgotten."""
+        """Who was shown pictures of a camera, and when, newest first. Also works for a camera that was removed."""
         return page_of(access_log.records_of(id), limit, offset)
 
     @router.get("/cameras/{id}/cones")
@@ -189,17 +189,17 @@ def router(cameras: Cameras, pictures: PastPictures, access_log: AccessLog) -> A
 
     @router.post("/cameras/{id}/pause", status_code=202)
     def pause(id: Id) -> Camera:
-        """Has a camera look at nothing and send nothing, until it is resumed or its process is restarted."""
+        """Pauses a camera: it takes and sends no pictures until it is resumed or its process is restarted."""
         return cameras.pause(id, paused=True)
 
     @router.post("/cameras/{id}/resume", status_code=202)
     def resume(id: Id) -> Camera:
-        """Has a paused camera look again."""
+        """Resumes a paused camera."""
         return cameras.pause(id, paused=False)
 
     @router.delete("/cameras/{id}", status_code=204)
     def remove(id: Id) -> None:
-        """Forgets a camera whose process has ended. It comes back if that is started again."""
+        """Removes a camera whose process has ended. It is listed again when its process is started again."""
         cameras.remove(id)
 
     @router.delete("/pictures", status_code=202)

@@ -1,4 +1,4 @@
-"""Compares the state of the building with what it was, and publishes events of the changes."""
+"""Compares the state of the building with the previous one regularly, and publishes each change as an event."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ from surveilnav.services.gateway.state import BuildingState
 from surveilnav.services.gateway.stream_sources import BuildingEvents
 from surveilnav.services.gateway.traffic import MissionTrafficMeter
 
-#: How often everything is compared. Missions report each change themselves.
+#: How often everything is compared. Changes of missions are noticed at once, from their messages.
 _COMPARE_PERIOD_S = 0.5
-#: How often fusion is asked for its objects at most, and only where its maps changed.
+#: Minimum time between two requests for the objects of a floor, which are only made if its maps have changed.
 _OBJECTS_PERIOD_S = 2.0
 _SERVICES = ("planner", "fusion", "perception")
 
 
 class ChangeDetector:
-    """Compares the state of the building with what it was, on a thread of its own, until the node ends.
+    """Compares the state of the building with the previous one, on its own thread, until the node ends.
 
     Attributes:
         brief_objects: by floor and by "floor/id", as fusion last reported them, without their histories.
@@ -57,7 +57,7 @@ class ChangeDetector:
         threading.Thread(target=self._run, name="change detector", daemon=True).start()
 
     def clear(self) -> None:
-        """Begins anew, as after a start: a replay was taken to another moment."""
+        """Forgets the previous state, because a replay jumped to another moment."""
         with self._lock:
             self._missions: Tracked[MissionStatus] = Tracked(changes.mission_changes)
         self._cameras: Tracked[CameraState] = Tracked(changes.camera_changes)
@@ -79,7 +79,7 @@ class ChangeDetector:
                     self._node.log.exception("watching failed")
 
     def compare(self) -> None:
-        """Compares everything but the objects with what it was, and counts the traffic of missions."""
+        """Compares everything but objects with the previous state, and updates the traffic of missions."""
         self._meter.update()
         for row in self._state.missions.newest("mission").values():
             self._on_mission(row)
@@ -113,7 +113,7 @@ class ChangeDetector:
         return {state.name: state for row in rows for state in row.message.services}
 
     def _compare_objects(self, floor: str, stamp_ns: int) -> None:
-        """Requests a floor's objects if its maps changed. Where fusion doesn't answer, a later call tries again."""
+        """Requests a floor's objects if its maps have changed, and compares them. If fusion is silent, a later call retries."""
         requested_s, read_stamp_ns = self._objects_read.get(floor, (-_OBJECTS_PERIOD_S, 0))
         now_s = time.monotonic()
         if stamp_ns == read_stamp_ns or now_s - requested_s < _OBJECTS_PERIOD_S or not self._state.alive("fusion"):
@@ -130,7 +130,7 @@ class ChangeDetector:
         self.brief_objects[floor] = {f"{floor}/{o.id}": object_from_record(o) for o in row.message.objects}
         tracked = self._objects.setdefault(floor, Tracked(changes.object_changes))
         if found := tracked.update({str(o.id): o for o in row.message.objects}):
-            self._all_objects.clear()  # before the events: who reads the list after one of them gets the new state
+            self._all_objects.clear()  # before the events, so that a client that then reads the list gets the new state
             self._publish("object", found, changes.object_event)
 
     def _publish(self, kind: str, found: list[Change[Any]], event_of: Callable[[Change[Any], int], Event]) -> None:

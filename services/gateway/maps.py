@@ -1,4 +1,4 @@
-"""The joint map: floors, layers as pictures and arrays, the cloud; and ``/floors``."""
+"""The maps of each floor: layers as pictures and arrays, and the point cloud; the routes ``/floors``."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from surveilnav.services.gateway.responses import (
 from surveilnav.services.gateway.robots import Robots
 from surveilnav.services.gateway.state import BuildingState
 
-#: A picture of a layer serves everybody for this time; its maps change with every step of a robot.
+#: Within this time, all clients get the same picture of a layer. The maps change with every step of a robot.
 _LAYER_AGE_S = 0.5
 _MAX_LAYERS = 64
 _CLOUD_AGE_S = 10.0
@@ -45,7 +45,7 @@ _Target = Annotated[str, Query(max_length=200)]
 
 
 class _LayerKey(NamedTuple):
-    """What a picture or array shows."""
+    """What identifies a rendered layer. ``target``: only for the value layer."""
 
     floor: str
     layer: str
@@ -54,7 +54,7 @@ class _LayerKey(NamedTuple):
 
 
 class Maps:
-    """What fusion holds of the building, floor by floor."""
+    """The floors of the building and their maps, requested from fusion and cached for a short time."""
 
     def __init__(self, state: BuildingState, cameras: Cameras, robots: Robots, missions: Missions) -> None:
         self._state, self._node = state, state.node
@@ -63,7 +63,7 @@ class Maps:
         self._clouds: AnswerCache[bytes] = AnswerCache(_CLOUD_AGE_S, _MAX_CLOUDS)
 
     def clear(self) -> None:
-        """Begins anew: a replay was taken to another moment."""
+        """Empties the caches, because a replay jumped to another moment."""
         self._layers.clear()
         self._clouds.clear()
 
@@ -100,7 +100,7 @@ class Maps:
     def cloud(self, floor: str, max_points: int) -> bytes:
         """The joint cloud as numpy's .npy: float32 (N, 6), at most ``max_points`` points, at most ten seconds old.
 
-        Fusion always sends all of its points, which is much; so one answer serves everybody.
+        It is cached for all clients, because fusion always sends the whole cloud, which is large.
         """
         return self._clouds.get((floor, max_points), lambda: self._thinned_cloud(floor, max_points))
 
@@ -112,7 +112,7 @@ class Maps:
             raise Problem(502, "bad_layer", f"fusion sent a cloud that can't be read: {error}") from error
 
     def _searched_target(self, floor: str) -> str:
-        """The target of the newest mission, preferably on this floor: whose values a person most likely wants to see."""
+        """The target of the newest mission, preferably of one on this floor: most likely, its values are of interest."""
         missions = sorted(self._missions.all(), key=lambda mission: mission.floor != floor)
         if not missions:
             raise Problem(422, "no_target", "the value layer belongs to a target: add ?target=..., or submit a mission")
@@ -145,8 +145,8 @@ def router(maps: Maps) -> APIRouter:
         """A map layer, at most half a second old, north up, one pixel per cell: occupancy (slate), explored (pale blue),
         frontier (orange), or value (viridis from the lowest to the highest value, for ``target``; default: the newest
         mission's). All else is transparent. ``X-Surveilnav-Grid`` holds the world position of the lower left corner, the
-        cell size [m], rows and columns; ``X-Surveilnav-Range`` the ends of the value scale;
-        ``X-Surveilnav-Views-Left-Out`` how many views it leaves out because another model looked at them, if any.
+        cell size [m], rows and columns. ``X-Surveilnav-Range`` holds the lowest and the highest value, and
+        ``X-Surveilnav-Views-Left-Out`` the number of views that are left out because another model embedded them, if any.
         """
         rendered, revision = maps.layer(id, layer, target.strip())
         return etag_response(rendered.data, "image/png", _headers(rendered, revision), if_none_match)

@@ -1,4 +1,4 @@
-"""Missions: submitted, followed, paused, cancelled; and ``/missions``."""
+"""Submitting, following, pausing and cancelling missions; the routes ``/missions``."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from surveilnav.services.gateway.state import BuildingState
 from surveilnav.services.gateway.traffic import MissionTrafficMeter
 from surveilnav.words import canonical
 
-#: How many missions are paused at the same time.
+#: How many requests to pause a mission are under way at the same time, at an emergency stop.
 _PAUSE_THREADS = 16
 _MAX_KEYS = 10_000
 
@@ -52,7 +52,7 @@ class Missions:
     # --- submitting -------------------------------------------------------------------------------------------------
 
     def submit(self, goal: NewMission, idempotency_key: str | None) -> Mission:
-        """Hands a goal to the planner. The same key with the same goal is one mission, also across restarts."""
+        """Sends a goal to the planner. A repeated key with the same goal returns the first mission, also after a restart."""
         if idempotency_key is None:
             return self._submit(f"m-{uuid.uuid4().hex[:12]}", goal)
         with self._submit_lock:  # of two requests with one key, the second waits for the mission of the first
@@ -98,7 +98,7 @@ class Missions:
         return GrowingItems(items=items, total=len(rows), next=next_cursor)
 
     def get(self, id: str) -> Mission:
-        """The mission as the planner last reported it, or reports it now that it is asked. 404 if there is none."""
+        """The mission as the planner last published it, else as it answers now. 404 if there is none."""
         row = self._state.missions.newest("mission").get(id)
         if row is None:  # accepted a moment ago, or before this gateway started
             row = request_existing(self._node, "mission", id, "planner", contract.MISSION_STATUS, mission=id)
@@ -124,7 +124,7 @@ class Missions:
     def _resource(
         self, row: Received[MissionStatus], verdicts: Mapping[str, Received[Judged]] | None = None
     ) -> Mission:
-        """A mission as its planner reported it. ``verdicts`` are a simulator's by mission, where the caller has them."""
+        """A mission as its planner reported it. ``verdicts``: the simulator's verdicts by mission; None: they are looked up."""
         verdicts = self._state.judged.newest("mission") if verdicts is None else verdicts
         judged = verdicts[row.message.mission].message.success if row.message.mission in verdicts else None
         return mission_from_status(row.message, row.received_ns, self._state.alive("planner"), judged)
@@ -142,7 +142,7 @@ class Missions:
         return self._changed(id, request(self._node, "planner", contract.MISSION_PAUSE, message, mission=id).message)
 
     def pause_all(self, reason: str) -> None:
-        """Pauses all missions under way at once. One that can't be paused is skipped: halted robots don't move anyway."""
+        """Pauses all open missions concurrently. Failures are ignored, because halted robots don't move anyway."""
 
         def pause(id: str) -> None:
             with suppress(Problem, SurveilNavError):
@@ -153,7 +153,7 @@ class Missions:
             list(pool.map(pause, under_way))
 
     def _changed(self, id: str, ack: MissionAck) -> Mission:
-        """The mission in the state that the planner says it came to."""
+        """The mission in the state that the planner's answer names. Problem: the planner refused the change."""
         if not ack.accepted:
             if ack.state in FINISHED_STATES and not ack.error:
                 raise Problem(409, "finished", f"mission {id} is {ack.state} already; submit a new one")
@@ -166,7 +166,7 @@ def _sort_key(row: Received[MissionStatus]) -> SortKey:
 
 
 def _repeated(goal: NewMission, same: bool, mission: Mission) -> Mission:
-    """The mission of an Idempotency-Key that was used before; 422 if that was with another goal."""
+    """The mission that belongs to a repeated Idempotency-Key. Problem 422: it was used with another goal."""
     if same:
         return mission
     raise Problem(
@@ -187,15 +187,15 @@ def router(missions: Missions, meter: MissionTrafficMeter) -> APIRouter:
         response: Response,
         idempotency_key: Annotated[str | None, Header(min_length=1, max_length=255)] = None,
     ) -> Mission:
-        """Submits a mission. With an Idempotency-Key, a repeated request is the same mission."""
+        """Submits a mission. If a request with an Idempotency-Key is repeated, the answer is the first mission."""
         mission = missions.submit(goal, idempotency_key)
         response.headers["Location"] = f"{missions.root}/missions/{mission.id}"
         return mission
 
     @router.get("", name="missions")
     def list_missions(limit: Limit = 100, offset: Offset = 0, cursor: Cursor = None) -> GrowingItems[Mission]:
-        """Missions, newest first. ``cursor`` is the ``next`` of the page before: the list goes on there, whatever was
-        submitted meanwhile."""
+        """Missions, newest first. ``cursor`` is the ``next`` of the previous page. With it, the list continues exactly there,
+        even if missions were submitted meanwhile."""
         return missions.page(cursor, offset, limit)
 
     @router.get("/{id}")
@@ -219,7 +219,7 @@ def router(missions: Missions, meter: MissionTrafficMeter) -> APIRouter:
 
     @router.get("/{id}/plan")
     def plan(id: Id) -> MissionPlan:
-        """The planner's present plan: waypoint, path, and what else it weighed."""
+        """The planner's present plan: the waypoint, the path, and the candidates that it was compared with."""
         return missions.plan(id)
 
     @router.get("/{id}/traffic")

@@ -1,4 +1,4 @@
-"""The objects of the joint map, with their histories; and ``/objects``."""
+"""The objects of the joint map and their histories; the routes ``/objects``."""
 
 from __future__ import annotations
 
@@ -21,28 +21,28 @@ from surveilnav.services.gateway.core.selection import ObjectFilter
 from surveilnav.services.gateway.responses import JPEG, Id, Limit, Offset
 from surveilnav.services.gateway.state import BuildingState
 
-#: One answer of fusion serves everybody for this time: it has much else to do while a robot searches.
+#: Within this time, all clients get the same answer, to spare fusion while robots search.
 _LIST_AGE_S = 1.0
 _MAX_LISTS = 64
 _Number = Annotated[int, Path(ge=0, le=2**31 - 1)]
 
 
 class Objects:
-    """What fusion reports of the building's objects."""
+    """The objects of the building, requested from fusion."""
 
     def __init__(self, state: BuildingState) -> None:
         self._state, self._node = state, state.node
         self._lists: AnswerCache[list[Received[ObjectList]]] = AnswerCache(_LIST_AGE_S, _MAX_LISTS)
 
     def clear(self) -> None:
-        """Has fusion asked again: its objects changed, or a replay was taken to another moment."""
+        """Empties the cache, because objects have changed or a replay jumped to another moment."""
         self._lists.clear()
 
     def records(self, wanted: ObjectFilter, text: str = "") -> list[ObjectRecord]:
         """The wanted objects by floor, the last seen first.
 
-        With a ``text`` those come first whose pictures fit it best. Without, everybody who asks within a second gets the same
-        answer, unless an object changed meanwhile.
+        With a ``text``, the objects whose pictures fit it best come first. Without, answers are cached for a second, or until an
+        object changes.
         """
         if text:
             rows = self._object_lists(wanted.floor, {"text": text})
@@ -51,7 +51,7 @@ class Objects:
         return wanted.apply(r for row in rows for r in row.message.objects)
 
     def _object_lists(self, floor: str | None, parameters: dict[str, str] | None) -> list[Received[ObjectList]]:
-        """What fusion holds of one floor, or of all."""
+        """Fusion's lists of objects, of one floor or of all."""
         if floor is None and not self._state.alive("fusion"):
             raise absent("fusion")
         if floor is None and parameters is None:
@@ -75,9 +75,9 @@ class Objects:
         return object_from_record(found)
 
     def picture(self, floor: str, id: int, number: int) -> tuple[ObjectEvent, bytes]:
-        """An event of an object's history, and what it saw: a JPEG around the box.
+        """An event of an object's history, and a JPEG of what was detected: the part of the picture around the box.
 
-        404 if it saw nothing, or its picture isn't kept any more.
+        404 if the event has no detection, or its picture isn't kept any more.
         """
         history = self.one(floor, id).history
         if number >= len(history):
@@ -115,9 +115,9 @@ def router(objects: Objects, access_log: AccessLog) -> APIRouter:
         limit: Limit = 100,
         offset: Offset = 0,
     ) -> Items[Object]:
-        """Objects with the last event of their history, by floor, the last seen first. An answer may be a second old.
-        ``text``: words that a perception worker understands (one with a closed set refuses others); the objects that look
-        most like them come first, with their ``relevance``."""
+        """Objects with the last event of their history, by floor, the last seen first. The answer may be a second old. With
+        ``text``, the objects that look most like it come first, with their ``relevance``. A perception worker with a closed
+        vocabulary refuses words that it doesn't know."""
         wanted = ObjectFilter(floor, label, status, min_confidence)
         records = objects.records(wanted, text.strip())
         page = [object_from_record(r) for r in records[offset : offset + limit]]
@@ -125,18 +125,18 @@ def router(objects: Objects, access_log: AccessLog) -> APIRouter:
 
     @router.get("/floors/{id}/objects/{object}")
     def one_object(id: Id, object: _Number) -> Object:
-        """One object with its whole history: which source said what of it when, and what came of it."""
+        """One object with its whole history: which source detected what and when, and how that changed the object."""
         return objects.one(id, object)
 
     @router.get("/floors/{id}/objects/{object}/history/{number}.jpg", response_class=Response, responses=JPEG)
     def picture(request: Request, id: Id, object: _Number, number: _Number) -> Response:
-        """What an event of the history (by its place, from 0) saw: a small picture around the box. 404 where nothing was
-        seen, and where the picture isn't kept any more: fusion keeps those of its newest views."""
+        """What was detected at an event of the history (``number``: its index, from 0): a small picture around the box. 404 if
+        the event has no detection, or its picture isn't kept any more: fusion only keeps those of its newest views."""
         event, jpeg = objects.picture(id, object, number)
         kind, _, camera = event.source.partition("/")
         if kind == "camera":
             access_log.record(request, camera, event.view, "history")
-        # never cached: pictures can be forgotten, and objects that become one are numbered anew
+        # never cached: pictures can be forgotten, and merging objects changes their events' indices
         return Response(jpeg, media_type="image/jpeg", headers={"Cache-Control": "no-store"})
 
     return router

@@ -1,4 +1,4 @@
-"""Pages for people: ``/``, made of the files in ``static``, and ``/docs``. They need nothing from elsewhere."""
+"""Pages for people: ``/``, from the files in ``static``, and ``/docs``. They load nothing from other servers."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from surveilnav.services.gateway.responses import IfNoneMatch, etag_response
 
 _FOLDER = Path(__file__).parent / "static"
 _TYPES = {".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
-#: Scripts and styles are files of ours. Nothing else on the page is ever run, whatever remote data holds.
+#: Only our own files may be run as scripts or used as styles, whatever data from the bus contain.
 _POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; connect-src 'self'; "
     "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
@@ -29,7 +29,7 @@ _HEADERS = {
     "Referrer-Policy": "no-referrer",
     "Cross-Origin-Opener-Policy": "same-origin",
 }
-#: Modules that are loaded only when somebody opens what they show.
+#: Modules of views that few people open. They aren't preloaded.
 _LOADED_LATER = "page/cloud/"
 _FOR_GOOD = "max-age=31536000, immutable"
 #: Swagger UI as the package fastapi-offline carries it.
@@ -43,7 +43,7 @@ _SWAGGER_POLICY = (
 
 @dataclass(frozen=True, slots=True)
 class _PageFiles:
-    """The page and its files, read once. ``version`` is a digest of all of them: what lies below it never changes."""
+    """The page and its files, read once. ``version``: a digest of all files, which is part of their addresses."""
 
     page: str
     files: dict[str, bytes]
@@ -67,7 +67,7 @@ def router() -> APIRouter:
 
     @router.get("/")
     def page(if_none_match: IfNoneMatch = "") -> Response:
-        """The page. It names its files by their version: a new gateway has a new page."""
+        """The page. It refers to its files by their version, so it is always requested again."""
         return etag_response(_read().page.encode(), "text/html; charset=utf-8", _HEADERS, if_none_match)
 
     @router.get("/static/{version}/{name:path}")
@@ -76,7 +76,7 @@ def router() -> APIRouter:
         name: Annotated[str, InPath(max_length=100)],
         if_none_match: IfNoneMatch = "",
     ) -> Response:
-        """A file of the page. A page that was opened before the gateway changed gets today's file."""
+        """A file of the page. With an older version in the address, the answer is the present file, which isn't cached."""
         read = _read()
         if name not in read.files:
             raise Problem(404, "no_such_address", f"the page has no file {name!r}")
@@ -87,7 +87,7 @@ def router() -> APIRouter:
 
     @router.get("/docs")
     def documentation(request: Request) -> Response:
-        """Swagger UI on /openapi.json, wherever a proxy has that."""
+        """Swagger UI for /openapi.json; below a proxy's path, if there is one."""
         root_path = request.scope.get("root_path", "")
         answer = get_swagger_ui_html(
             openapi_url=f"{root_path}/openapi.json",
@@ -95,7 +95,7 @@ def router() -> APIRouter:
             swagger_js_url=f"{root_path}/docs/swagger-ui-bundle.js",
             swagger_css_url=f"{root_path}/docs/swagger-ui.css",
             swagger_favicon_url=f"{root_path}/docs/favicon.png",
-            swagger_ui_parameters={"validatorUrl": None},  # which would send the addresses to its makers
+            swagger_ui_parameters={"validatorUrl": None},  # a validator would send the document to another server
         )
         answer.headers["Content-Security-Policy"] = _SWAGGER_POLICY
         return answer

@@ -1,6 +1,6 @@
-"""Recordings (listed, downloaded, deleted) and the replay of one; ``/recordings``, ``/recorders`` and ``/replay``.
+"""Listing, downloading and deleting recordings, and replaying one; ``/recordings``, ``/recorders`` and ``/replay``.
 
-The recorders have the files; the gateway asks for them over the bus.
+The files are the recorders'; the gateway reads them over the bus.
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ _MCAP: Responses = {
 
 
 class Recordings:
-    """The recordings of all recorders that are there."""
+    """The recordings of all recorders that are alive."""
 
     def __init__(self, state: BuildingState) -> None:
         self._state, self._node = state, state.node
 
     def recorders(self) -> list[Recorder]:
-        """Every recorder that was ever heard of."""
+        """Every recorder that has ever published its status. Those that have left are stale."""
         alive, statuses = self._node.alive("recorder"), self._state.recorders
         return [
             recorder_from_status(row.message, row.received_ns, id not in alive or statuses.is_old(row))
@@ -65,7 +65,7 @@ class Recordings:
         )
 
     def cameras_in(self, recording: Recording) -> list[str]:
-        """The cameras whose pictures a recording may show: where it doesn't say, all that were heard of."""
+        """The cameras whose pictures a recording may contain. If the recording doesn't say, these are all known cameras."""
         known = self._state.cameras.newest("camera")
         return sorted(known) if recording.cameras is None else recording.cameras
 
@@ -76,7 +76,7 @@ class Recordings:
         bus_request(self._node, f"recorder {recorder}", contract.RECORDING_DELETE, removal, recorder=recorder)
 
     def parts(self, recording: Recording, first: int, after: int) -> Iterator[bytes]:
-        """The bytes of a recording from ``first`` to before ``after``, in parts, of which one at a time is in memory."""
+        """The bytes of a recording from index ``first`` up to, but without, ``after``; one part at a time is in memory."""
         owner = f"recorder {recording.recorder}"
         while first < after:
             part = RecordingPart(
@@ -91,7 +91,7 @@ class Recordings:
             yield data
 
     def _read(self, owner: str, part: RecordingPart, recorder: str) -> bytes:
-        """One part of a file. It is asked for again where the answer was left out because a link was full."""
+        """Reads one part of a file. If the answer is lost because a link is full, the request is repeated."""
         for attempt in range(_ATTEMPTS):
             try:
                 return bus_request(self._node, owner, contract.RECORDING_READ, part, recorder=recorder).payload
@@ -119,9 +119,9 @@ def _sort_key(recording: Recording) -> SortKey:
 
 
 class Replays:
-    """The recording that is shown in the place of a building, if there is one.
+    """The replay of a recording, if the gateway shows one instead of a running building.
 
-    When it is taken to another moment, ``on_jump`` is called: whoever remembers something may know the replay's future.
+    ``on_jump`` is called when the replay jumps to another moment, since what was remembered may be from its future.
     """
 
     def __init__(self, state: BuildingState, on_jump: Callable[[], None]) -> None:
@@ -130,20 +130,20 @@ class Replays:
         state.replays.on_message = self._on_status
 
     def current(self) -> Replay | None:
-        """The replay; None where this is a building."""
+        """The replay; None if the gateway shows a running building."""
         row = self._newest()
         if row is None:
             return None
         return replay_from_status(row.message, row.received_ns, self._state.replays.is_old(row))
 
     def one(self) -> Replay:
-        """The replay; 404 where this is a building."""
+        """The replay. Problem 404: the gateway shows a running building."""
         if (found := self.current()) is None:
             raise _no_replay()
         return found
 
     def change(self, wanted: ReplayChange) -> Replay:
-        """Has it play, stand still, go to a moment, or change its speed."""
+        """Makes the replay play, pause, jump to a moment, or change its speed."""
         if (row := self._newest()) is None:
             raise _no_replay()
         control = ReplayControl(stamp_ns=clock_ns(), **wanted.model_dump())
@@ -173,7 +173,7 @@ def router(recordings: Recordings, replays: Replays, access_log: AccessLog) -> A
 
     @router.get("/recorders", name="recorders")
     def list_recorders(limit: Limit = 100, offset: Offset = 0) -> Items[Recorder]:
-        """Which recorders there are, and what is wrong with them."""
+        """All recorders, with the problems that they report."""
         return page_of(recordings.recorders(), limit, offset)
 
     @router.get("/recordings", name="recordings")
@@ -197,8 +197,8 @@ def router(recordings: Recordings, replays: Replays, access_log: AccessLog) -> A
         range: Annotated[str, Header(max_length=100)] = "",
         if_range: Annotated[str, Header(max_length=200)] = "",
     ) -> Response:
-        """The recording itself, MCAP; with ``Range`` a part of it, so that a download can be resumed. Of one that is being
-        written: what there is now. It counts as an access to each camera that the recording shows."""
+        """The recording as an MCAP file; with ``Range`` a part of it, so that a download can be resumed. Of a recording that is
+        being written, the answer is what exists now. A download counts as an access to each camera in the recording."""
         asked = recordings.one(id)
         total, tag = asked.n_bytes, f'"{id}-{asked.n_bytes}"'
         part = byte_range(range, total) if range and if_range in ("", tag) else None
@@ -226,13 +226,13 @@ def router(recordings: Recordings, replays: Replays, access_log: AccessLog) -> A
 
     @router.get("/replay")
     def replay() -> Replay:
-        """Where the recording is that `surveilnav replay` shows here; 404 `no_replay` on the gateway of a building."""
+        """The state of the replay that `surveilnav replay` shows; 404 `no_replay` if this gateway shows a running building."""
         return replays.one()
 
     @router.patch("/replay")
     def change(wanted: ReplayChange) -> Replay:
-        """Has it play, stand still, go to a moment (`at_s`, also back), or change its speed. Going far takes seconds: the state
-        of that moment is computed from the beginning."""
+        """Makes the replay play, pause, jump to a moment (`at_s`, also backwards), or change its speed. A long jump takes
+        seconds, because the state at that moment is computed from the beginning."""
         return replays.change(wanted)
 
     return router

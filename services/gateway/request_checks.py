@@ -1,4 +1,4 @@
-"""Checks of a request's headers before anything else is read: its host, its origin, and the length of its body."""
+"""Checks the host, the origin and the body length in a request's headers, before the body is read."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from surveilnav.services.gateway.core.problems import Problem
 from surveilnav.services.gateway.responses import problem_response
 
 MAX_BODY_BYTES = 64 * 1024
-#: Methods that change nothing, and whose answers a page of another site can't read.
+#: Methods whose origin isn't checked: they change nothing, and browsers keep pages of other sites from reading the answers.
 _SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
 
 
 class RequestChecks:
     """ASGI middleware that answers a request with a problem if a check fails.
 
-    ``allowed`` are the names that the gateway answers under (None: under any).
+    ``allowed``: the host names that the gateway answers to (None: any).
     """
 
     def __init__(self, app: ASGIApp, allowed: frozenset[str] | None) -> None:
@@ -35,7 +35,7 @@ class RequestChecks:
         return self._check_host(headers) or self._check_origin(method, headers) or _check_body(headers)
 
     def _check_host(self, headers: Headers) -> Problem | None:
-        """421: the request is for another host."""
+        """Problem 421 if the request is for another host."""
         host = foreign_host(headers.getlist("host"), self._allowed)
         if host is None:
             return None
@@ -48,7 +48,7 @@ class RequestChecks:
         )
 
     def _check_origin(self, method: str, headers: Headers) -> Problem | None:
-        """403: a page of another site has somebody's browser change something here."""
+        """Problem 403 if a page of another site makes a browser send a request that changes something."""
         if method in _SAFE_METHODS:
             return None
         origin = foreign_origin(headers.getlist("origin"), self._allowed)
@@ -62,7 +62,7 @@ class RequestChecks:
 
 
 def _check_body(headers: Headers) -> Problem | None:
-    """413 for a body that is too long, 411 for one without a length."""
+    """Problem 413 for a body that is too long, 411 for one without a length."""
     length = headers.get("content-length", "0")
     if "transfer-encoding" in headers:
         return Problem(411, "length_required", "send the body with a Content-Length")

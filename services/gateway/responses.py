@@ -1,4 +1,4 @@
-"""What the routes share: ids and pages in addresses, ETags, and problem details (RFC 9457) for every failure."""
+"""What all routes use: types of parameters, pages of lists, ETags, and problem details (RFC 9457) for failures."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from surveilnav.services.gateway.core import problems
 from surveilnav.services.gateway.core.problems import Problem
 
 T = TypeVar("T")
-#: What FastAPI takes as the description of an endpoint's responses, by status.
+#: FastAPI's type for the description of an endpoint's responses, by status.
 Responses = dict[int | str, dict[str, Any]]
 
 # --- parameters and pages -----------------------------------------------------------------------------------------
@@ -30,7 +30,7 @@ Cursor = Annotated[str | None, Query(max_length=100)]
 
 
 def page_of(everything: list[T], limit: int = 1000, offset: int = 0) -> Items[T]:
-    """At most ``limit`` items from ``offset``."""
+    """At most ``limit`` of the items, from index ``offset`` on, with the number of all."""
     return Items(items=everything[offset : offset + limit], total=len(everything))
 
 
@@ -42,7 +42,7 @@ JPEG: Responses = {200: {"content": {"image/jpeg": {}}, "description": "the pict
 
 
 def etag_response(body: bytes, media_type: str, headers: dict[str, str], if_none_match: str) -> Response:
-    """The bytes with their ETag, or 304 where ``If-None-Match`` names it (RFC 9110, section 13.1.2)."""
+    """The body with its ETag, or status 304 if ``If-None-Match`` contains that ETag (RFC 9110, section 13.1.2)."""
     tag = f'"{hashlib.sha256(body).hexdigest()[:20]}"'
     headers = {"Cache-Control": "no-cache", "ETag": tag, **headers}
     known = {t.strip().removeprefix("W/") for t in if_none_match.split(",")}
@@ -64,7 +64,7 @@ _SCHEMA = {
         "instance": {"type": "string"},
     },
 }
-#: What the OpenAPI document says of the failures of every endpoint.
+#: How the OpenAPI document describes the failures of every endpoint.
 PROBLEMS: Responses = {
     "default": {
         "description": "RFC 9457 problem details",
@@ -81,7 +81,7 @@ def problem_response(request: Request, problem: Problem, headers: dict[str, str]
 
 
 def add_problem_handlers(app: FastAPI) -> None:
-    """Has every exception of the application's endpoints answered with a problem."""
+    """Registers handlers that turn every exception in an endpoint into a response with a problem."""
 
     @app.exception_handler(Problem)
     async def _problem(request: Request, error: Problem) -> Response:

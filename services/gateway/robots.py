@@ -1,4 +1,4 @@
-"""Robots and perception workers; ``/robots/release``, ``/robots``, ``/perception`` and ``/targets``."""
+"""Robots and perception workers; the routes ``/robots``, ``/robots/release``, ``/perception`` and ``/targets``."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from surveilnav.services.gateway.core.resources import robot_from_status, worker
 from surveilnav.services.gateway.responses import Limit, Offset, page_of
 from surveilnav.services.gateway.state import BuildingState
 
-#: Any word will do: a worker's answer to it has all the names that it knows.
+#: A worker's answer to any word contains its whole vocabulary.
 _PROBE_WORD = "chair"
 _MAX_VOCABULARIES = 100
 
 
 class Robots:
-    """All robots that were ever heard of; those that left are stale."""
+    """All robots that have ever published their status. Those that have left are stale."""
 
     def __init__(self, state: BuildingState) -> None:
         self._state, self._node = state, state.node
 
     def all(self) -> list[Robot]:
-        """Every robot, with the mission under way that it is on."""
+        """Every robot, with its open mission."""
         alive, statuses = self._node.alive("robot"), self._state.robots
         missions = [row.message for row in self._state.missions.rows()]
         mission_of_robot = {m.robot: m.mission for m in missions if m.state not in FINISHED_STATES}
@@ -45,8 +45,8 @@ class Robots:
         Robots that don't answer the request to all are asked again by name.
 
         Raises:
-            Problem: there is no robot (503), it is one of a recording (409), or one that is alive doesn't confirm (504, with
-                all answers).
+            Problem: there is no robot (503); the robots are those of a replay (409); a robot that is alive doesn't confirm (504,
+                with all answers).
         """
         alive = self._node.alive("robot")
         message = Halt(stamp_ns=clock_ns(), halted=halted, reason=reason)
@@ -71,7 +71,7 @@ class Robots:
 
 
 class PerceptionWorkers:
-    """All perception workers that were ever heard of, and the names that they know."""
+    """All perception workers that have ever published their load, and their vocabularies."""
 
     def __init__(self, state: BuildingState) -> None:
         self._state, self._node = state, state.node
@@ -86,7 +86,7 @@ class PerceptionWorkers:
         ]
 
     def targets(self) -> list[Target]:
-        """What can be searched for by name, by all workers that are ready. A worker that understands any word has no names."""
+        """The vocabularies of all ready workers. Workers with an open vocabulary, which understand any word, add none."""
         workers: dict[str, list[str]] = {}
         for worker in self.all():
             for name in self._vocabulary(worker) if worker.ready and not worker.stale else ():
@@ -94,7 +94,7 @@ class PerceptionWorkers:
         return [Target(name=name, workers=ids) for name, ids in sorted(workers.items())]
 
     def _vocabulary(self, worker: Worker) -> list[str]:
-        """A worker's names; empty if it doesn't answer now. It is asked once for as long as its detector is the same."""
+        """A worker's vocabulary, which is cached until its detector changes. Empty if the worker doesn't answer."""
         key = worker.id, worker.models["detector"]
         if key not in self._vocabularies:
             message = InferRequest(stamp_ns=clock_ns(), texts=[_PROBE_WORD])
@@ -119,7 +119,7 @@ def router(robots: Robots, workers: PerceptionWorkers) -> APIRouter:
 
     @router.post("/robots/release")
     def release() -> Items[RobotHalt]:
-        """Releases all robots. Nothing moves by that: missions stay paused until each is resumed."""
+        """Releases all robots. This moves none of them: their missions stay paused until each is resumed."""
         return page_of(robots.halt(False, ""))
 
     @router.get("/perception")

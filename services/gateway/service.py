@@ -1,6 +1,6 @@
-"""The gateway's side of the bus: it remembers what is put, requests the rest, and turns it into resources.
+"""The gateway without HTTP: it remembers what is published on the bus, requests the rest, and makes resources of it.
 
-Calls block for as long as the contract lets an answer take, so they run on threads. What can't be had is a ``Problem``.
+Its methods may block until an answer arrives, so they are called on threads. They raise ``Problem`` if a request fails.
 """
 
 from __future__ import annotations
@@ -31,17 +31,17 @@ from surveilnav.services.gateway.stream_sources import BuildingEvents, LiveState
 from surveilnav.services.gateway.tiles import CameraTiles
 from surveilnav.services.gateway.traffic import MissionTrafficMeter, present_traffic
 
-#: How many of the newest missions /live has; older ones are had by /missions.
+#: How many of the newest missions /live sends. Older ones are listed by /missions.
 _LIVE_MISSIONS = 100
 
 
 class Gateway:
-    """All that the web side may ask for: a part for each kind of resource, and the whole (building, traffic, readiness).
+    """Everything that the routes use: an attribute for each kind of resource, and methods for those of the whole building.
 
     Args:
-        node: on the bus.
-        root_path: where a proxy has the gateway, such as /surveilnav; "" at the top.
-        access_log: in memory if None.
+        node: the gateway's node on the bus.
+        root_path: the path at which a proxy serves the gateway, such as /surveilnav; "" if it is at the root.
+        access_log: who was shown pictures; None: it is only kept in memory.
     """
 
     def __init__(self, node: Node, root_path: str = "", access_log: AccessLog | None = None) -> None:
@@ -64,7 +64,7 @@ class Gateway:
         self.tiles = CameraTiles(node, self.cameras)
 
     def _forget_everything(self) -> None:
-        """Has every part begin anew: a replay was taken to another moment, and they may know its future."""
+        """Clears everything remembered, because a replay jumped and it may be from the replay's future."""
         for part in (self._state, self.meter, self._detector, self.maps, self.objects):
             part.clear()
 
@@ -93,7 +93,7 @@ class Gateway:
         return building_from_parts(self._node.building, *parts, ready=self.readiness().ready)
 
     def stop_robots(self, reason: str) -> list[RobotHalt]:
-        """Emergency stop: robots first. Missions are paused meanwhile, also those of robots that don't answer."""
+        """Emergency stop: halts all robots; another thread pauses all missions, also those of robots that don't answer."""
         why = f"emergency stop{f': {reason}' if reason else ''}"
         threading.Thread(target=self.missions.pause_all, args=(why,), name="emergency-stop", daemon=True).start()
         return self.robots.halt(True, reason)
@@ -112,7 +112,7 @@ class Gateway:
         ]
 
     def metrics(self) -> BuildingMetrics:
-        """The state that the metrics are made of."""
+        """The state of the building as metrics for Prometheus."""
         alive, loads = self._node.alive("perception"), self._state.loads
         workers = {
             id: (row.message, id not in alive or loads.is_old(row)) for id, row in loads.newest("worker").items()

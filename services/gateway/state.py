@@ -1,4 +1,4 @@
-"""What the gateway remembers of the bus."""
+"""Remembers the newest messages of the bus."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from surveilnav.bus import Node, Received
 from surveilnav.contract import Stream
 from surveilnav.rest import ROOT
 
-#: A list of what is put on change is asked for again after this time.
+#: Streams whose messages are only published on change are queried again after this time.
 REFRESH_S = 5.0
 _KINDS = ("camera", "robot", "perception", "fusion", "planner", "recorder", "replay")
 
 
 class LastKnown:
-    """The newest message of every key of a stream, also of owners that are gone.
+    """The newest message of every key of a stream, also of nodes that have left.
 
-    What is put on change may have been put before the gateway started, or by an owner that started later than the gateway
-    and before it was noticed. Such streams are asked for again every ``REFRESH_S``, by the first caller that finds them old;
-    that call blocks for as long as an answer may take.
+    The gateway misses a message that is only published on change if it was published before the gateway started, or by a node
+    that the gateway hadn't noticed yet. So such streams are also queried, every ``REFRESH_S``, by the first caller after that
+    time; its call blocks until the answers are there.
     """
 
     def __init__(self, node: Node, stream: Stream, capacity: int = 20_000) -> None:
         self._node, self._stream, self._capacity = node, stream, capacity
-        #: Is called with every message that is put, on the bus's own thread.
+        #: Called with every published message, on the bus's own thread.
         self.on_message: Callable[[Received[Any]], None] = lambda _: None
         self._table = node.table(stream, on_message=lambda row: self.on_message(row))
         self._answers: dict[str, Received[Any]] = {}
@@ -45,7 +45,7 @@ class LastKnown:
         return [merged[key] for key in sorted(merged)]
 
     def _refreshed_answers(self) -> dict[str, Received[Any]]:
-        # a caller that comes while another one refreshes takes what is known: an answer may take its time
+        # while another caller refreshes, this one doesn't wait but returns what is known
         if self._stream.rate_hz is None and self._refreshing.acquire(blocking=False):
             try:
                 self._refresh()
@@ -68,7 +68,7 @@ class LastKnown:
             self._refreshed_s = time.monotonic()
 
     def newest(self, field: str) -> dict[str, Received[Any]]:
-        """The newest row by one id of its key, in the order of the ids. A message that names another id is left out."""
+        """The newest row for each id in ``field`` of the key, sorted by id. Messages that name another id are ignored."""
         found: dict[str, Received[Any]] = {}
         for row in sorted(self.rows(), key=lambda r: r.received_ns):
             if getattr(row.message, field) == row.ids[field]:
@@ -76,7 +76,7 @@ class LastKnown:
         return dict(sorted(found.items()))
 
     def forget(self, field: str, id: str) -> None:
-        """Removes what is known of one owner. It comes back if the owner announces itself again."""
+        """Removes what is known of one node, such as a camera. It is known again as soon as it publishes again."""
         with self._lock:
             self._n_removals += 1
             for key in [k for k, row in self._answers.items() if row.ids[field] == id]:
@@ -84,7 +84,7 @@ class LastKnown:
         self._table.forget(field, id)
 
     def clear(self) -> None:
-        """Removes everything: it lies in the future of a replay that was taken back."""
+        """Removes everything, because a replay jumped and it may be from that replay's future."""
         with self._lock:
             self._answers, self._n_removals = {}, self._n_removals + 1
         self._table.clear()
@@ -95,11 +95,11 @@ class LastKnown:
 
 
 class BuildingState:
-    """The streams that the gateway remembers, and which nodes are alive.
+    """The newest messages of the streams that the gateway needs, and which nodes are alive.
 
     Attributes:
-        node: the gateway's, for requests.
-        root: what addresses in answers begin with. A proxy may have the gateway below a ``root_path`` such as /surveilnav.
+        node: the gateway's node, for requests.
+        root: the beginning of addresses in answers: the path at which a proxy serves the gateway, if any, and /api/v1.
     """
 
     def __init__(self, node: Node, root_path: str = "") -> None:
@@ -120,7 +120,7 @@ class BuildingState:
             node.alive(kind)  # the first call starts watching
 
     def clear(self) -> None:
-        """Removes everything that a replay may tell differently: all but where the replay is."""
+        """Removes everything but the status of the replay itself, after a replay has jumped."""
         for known in vars(self).values():
             if isinstance(known, LastKnown) and known is not self.replays:
                 known.clear()

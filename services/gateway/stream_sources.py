@@ -1,6 +1,6 @@
-"""What the event streams read: a log under a lock, to which any thread adds, and which wakes the streams.
+"""The logs that event streams read. Any thread may add to a log, which then wakes the streams.
 
-``BuildingEvents`` has what happened, ``LiveStates`` how everything is now. Small pictures of cameras are in ``tiles.py``.
+``BuildingEvents`` says what has happened, ``LiveStates`` the present state of everything. ``tiles.py`` has pictures of cameras.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from surveilnav.bus import Node
 from surveilnav.services.gateway.core.change_log import EventLog, LogEntry, ReadPosition, StateLog
 from surveilnav.services.gateway.core.problems import Problem
 
-#: Each stream costs a connection, and at most what uvicorn and the kernel buffer for it.
+#: Each stream takes a connection, and the memory of uvicorn's and the kernel's buffers for it.
 _MAX_STREAMS = 200
 #: How often the state of everything is compared with what was sent.
 _COMPARE_PERIOD_S = 0.5
@@ -26,13 +26,13 @@ Resources = Mapping[str, BaseModel]
 
 
 class StreamSource:
-    """A log that event streams read at their own pace, and the streams that wait for news in it.
+    """A log that event streams read at their own pace, and the streams that wait for new entries.
 
     Attributes:
-        beat_s: a stream sends its position again when there was nothing to send for this time. So both ends, and proxies
-            between them, notice when the connection is dead.
-        beat_event: the name of the event that is sent with it; "" for none, so that clients don't notice.
-        ended: whether the gateway is about to stop, so that streams have to end.
+        beat_s: if a stream has had nothing to send for this time, it sends its position again. So both ends, and proxies
+            between them, notice a dead connection.
+        beat_event: the name of the event for that; "": no event, only an id, which browsers don't report to the page.
+        ended: returns whether the gateway is about to stop, so that streams must end.
     """
 
     beat_s = 15.0
@@ -51,12 +51,12 @@ class StreamSource:
 
     @property
     def newest(self) -> int:
-        """How many changes the log has taken since the gateway started."""
+        """The number of the newest entry, counted from the start of the gateway."""
         return self._source.newest
 
     @property
     def advice(self) -> str:
-        """What a client should do that has to begin anew."""
+        """What a client should do if it can't continue from its last event. It is sent with ``reset``."""
         return self._source.advice
 
     def id_of(self, number: int) -> str:
@@ -64,19 +64,19 @@ class StreamSource:
         return self._source.id_of(number)
 
     def position(self, last_id: str | None) -> ReadPosition:
-        """Where a client goes on whose last event had that id."""
+        """The position from which a client continues whose last event had the id ``last_id``."""
         with self._lock:
             return self._source.position(last_id)
 
     def after(self, number: int, ids: Collection[str] | None = None) -> tuple[ReadPosition, list[LogEntry]]:
-        """Where a client is that has the entries up to ``number``, and the next ones. ``ids``: as for the log."""
+        """The next entries for a client that has those up to ``number``, and its checked position. ``ids``: as for the log."""
         with self._lock:
             position = self._source.checked(number)
             return position, self._source.after(position.number, ids)
 
     @contextmanager
     def waking(self) -> Iterator[asyncio.Event]:
-        """An event of the running loop that is set whenever there is news.
+        """An asyncio event of the running loop that is set whenever the log has new entries.
 
         Raises:
             Problem: too many streams are open (503).
@@ -117,9 +117,10 @@ class BuildingEvents(StreamSource):
 
 
 class LiveStates(StreamSource):
-    """The present state of all resources. While anybody watches, a thread compares them with what was sent, once for all.
+    """The present state of all resources. While any stream is open, one thread compares it with what was last sent.
 
-    ``readers`` gives for each kind all resources of it. A resource is sent again if anything but its ``last_seen`` changed.
+    ``readers``: for each kind, a function that returns all resources of that kind. A resource is sent again if anything but its
+    ``last_seen`` has changed.
     """
 
     beat_s = 5.0
@@ -143,7 +144,7 @@ class LiveStates(StreamSource):
                         self._node.log.exception("can't show what is there", kind=kind)
 
     def _update(self, kind: str, resources: Resources) -> None:
-        """Puts what changed into the log; resources that aren't there any more are gone."""
+        """Adds the changed resources of a kind to the log. Those that are missing now are logged as gone."""
         sent = self._sent[kind]
         gone = sent.keys() - resources.keys()
         changed: dict[str, str | None] = dict.fromkeys(gone)

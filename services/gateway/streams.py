@@ -1,7 +1,7 @@
 """Server-Sent Events (HTML standard, section 9.2), resumable by Last-Event-ID; ``/events``, ``/live`` and ``/tiles``.
 
-A stream has no queue of its own: it reads a shared log at its own pace, so a slow client costs nothing but the buffers of its
-socket. A client that reads nothing at all is dropped; when it comes back, it goes on from its last event.
+Streams have no queues: each reads a shared log at its own pace, so a slow client takes no memory but its socket's buffers. A
+client that stops reading is disconnected; when it connects again, it continues after its last event.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from surveilnav.services.gateway.responses import Responses, problem_response
 from surveilnav.services.gateway.stream_sources import BuildingEvents, LiveStates, StreamSource
 from surveilnav.services.gateway.tiles import MAX_TILES, CameraTiles
 
-#: How often a stream without news looks whether the gateway is about to stop.
+#: How often a stream without new entries checks whether the gateway is about to stop.
 _WAIT_S = 0.5
-#: Bytes for a client that doesn't read wait for so long.
+#: A client that hasn't read its bytes for this time is disconnected.
 STALLED_S = 20.0
 _SEP = "\n"
 #: How long browsers wait before they connect again.
@@ -39,9 +39,9 @@ AppStatus.enable_automatic_graceful_drain = False
 
 
 class EventStream(EventSourceResponse):
-    """Sends a client the entries of ``source`` after ``last_id``, until it goes, stops reading, or the gateway ends.
+    """Sends a client the entries of ``source`` after ``last_id``, until the client leaves or stops reading, or the gateway ends.
 
-    ``ids``: entries of these things only. ``stalled_s``: how long the client may leave bytes unread.
+    ``ids``: only entries with these ids are sent; None: all. ``stalled_s``: how long the client may leave bytes unread.
     """
 
     def __init__(
@@ -57,7 +57,7 @@ class EventStream(EventSourceResponse):
         self._news = asyncio.Event()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """The ASGI side. Where too many streams are open it answers with a problem instead."""
+        """The ASGI application. If too many streams are open, it answers with a problem."""
         try:
             with self._source.waking() as self._news:
                 await super().__call__(scope, receive, send)
@@ -67,7 +67,7 @@ class EventStream(EventSourceResponse):
             structlog.get_logger().info("drops an event stream that nobody reads", waited_s=self.send_timeout)
 
     def _before_send(self, entries: Sequence[LogEntry]) -> None:
-        """Is called with entries that are about to be sent."""
+        """Called with entries that are about to be sent."""
 
     async def _blocks(self) -> AsyncIterator[bytes]:
         source = self._source
@@ -101,7 +101,7 @@ class EventStream(EventSourceResponse):
 
 
 class TileStream(EventStream):
-    """Sends a client the small pictures that it wants, has cameras asked for them meanwhile, and records who is shown them."""
+    """Sends a client the small pictures that it wants, and records the access. While it is open, cameras are asked for them."""
 
     def __init__(self, tiles: CameraTiles, last_id: str | None, wanted: list[str], access_log: AccessLog) -> None:
         super().__init__(tiles, last_id, ids=frozenset(wanted))
@@ -109,7 +109,7 @@ class TileStream(EventStream):
         self._connection: HTTPConnection | None = None
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """The ASGI side."""
+        """The ASGI application."""
         self._connection = HTTPConnection(scope)
         with self._tiles.wanting(self._wanted):
             await super().__call__(scope, receive, send)
@@ -164,9 +164,9 @@ def router(events: BuildingEvents, live: LiveStates, tiles: CameraTiles, access_
         responses=_described("Server-Sent Events; the data of each is an Event as JSON", _EVENT),
     )
     def event_stream(last_event_id: _LastId = None) -> Response:
-        """What changes, as Server-Sent Events: `mission`, `object`, `camera`, `robot`, `service`. Send the id of the last
-        event back as `Last-Event-ID` (browsers do) and none is missed. `reset` says that some can't be had any more, or that
-        you come for the first time: read the state anew."""
+        """Changes, as Server-Sent Events: `mission`, `object`, `camera`, `robot`, `service`. To miss none, send the id of the
+        last event as `Last-Event-ID` when you connect again (browsers do). `reset` says that this is your first connection, or
+        that some events aren't kept any more: read the state again."""
         return EventStream(events, last_event_id)
 
     @router.get(
@@ -176,11 +176,11 @@ def router(events: BuildingEvents, live: LiveStates, tiles: CameraTiles, access_
         responses=_described("Server-Sent Events: a resource in each", _STATE),
     )
     def live_stream(last_event_id: _LastId = None) -> Response:
-        """How everything is, and again whatever changes, as Server-Sent Events: `building`, `readiness`, `floor`, `camera`,
+        """The state of everything, and then whatever changes, as Server-Sent Events: `building`, `readiness`, `floor`, `camera`,
         `robot`, `worker`, `recorder`, `service`, `mission` (the newest 100), `plan`, `cost` (a mission's traffic), `object`
-        (without its history), `traffic`, `replay`. The data has the `id` and the `state`: the resource as REST has it, or null
-        if it is gone. Of what changes fast a slow client gets only the newest state. Of what isn't stale, only `last_seen` may
-        be old."""
+        (without its history), `traffic`, `replay`. The data has the `id` and the `state`: the resource as in REST, or null if
+        it is gone. A slow client gets only the newest state of what changes fast. A resource isn't sent again if only its
+        `last_seen` changes."""
         return EventStream(live, last_event_id)
 
     @router.get(
@@ -193,8 +193,8 @@ def router(events: BuildingEvents, live: LiveStates, tiles: CameraTiles, access_
         of: Annotated[list[_Tile], Query(min_length=1, max_length=MAX_TILES)], last_event_id: _LastId = None
     ) -> Response:
         """Small pictures of the views named (`c0-1/3`, at most 32), over one connection, as Server-Sent Events. Each is
-        requested from its camera every 3 seconds while anybody wants it, once for all: that is viewer traffic, no invocation.
-        Where there is no picture, the data says why (`problem`, `detail`)."""
+        requested from its camera every 3 seconds while anybody watches, once for all viewers. That counts as viewer traffic and
+        doesn't invoke the camera. If there is no picture, the data says why (`problem`, `detail`)."""
         return TileStream(tiles, last_event_id, sorted(set(of)), access_log)
 
     return router

@@ -39,22 +39,22 @@ def router(gateway: Gateway) -> APIRouter:
 
     @router.get(f"{ROOT}/services", tags=["health"])
     def services(limit: Limit = 100, offset: Offset = 0) -> Items[Service]:
-        """Processes that `surveilnav up` keeps running, and how often each was started again. Docker Compose reports its own."""
+        """The processes that `surveilnav up` keeps running, and how often each was restarted. Not with Docker Compose."""
         return page_of(gateway.services(), limit, offset)
 
     @router.get("/metrics", tags=["health"], response_class=Response, responses=_METRICS)
     def metrics() -> Response:
-        """All that is counted, for Prometheus."""
+        """All metrics, for Prometheus."""
         return Response(generate_latest(gateway.metrics()), media_type=CONTENT_TYPE_LATEST)
 
     @router.get("/healthz", tags=["health"])
     def healthz() -> dict[str, str]:
-        """This process lives. Whether a mission could run is /readyz."""
+        """Says that this process is alive. /readyz says whether a mission could run."""
         return {"status": "ok"}
 
     @router.get("/readyz", tags=["health"])
     def readyz() -> Readiness:
-        """Whether a mission could run now: 200, or 503 with what is missing."""
+        """Whether a mission could run now: status 200, or 503 with what is missing."""
         readiness = gateway.readiness()
         if not readiness.ready:
             raise Problem(503, "not_ready", f"missing: {', '.join(readiness.missing)}", **readiness.model_dump())

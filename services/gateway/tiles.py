@@ -1,4 +1,4 @@
-"""Small pictures of the views that somebody watches: each is requested from its camera once, however many watch it."""
+"""Small pictures of the views that somebody watches. Each is requested from its camera once for all viewers."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from surveilnav.services.gateway.core.change_log import StateLog
 from surveilnav.services.gateway.core.problems import Problem
 from surveilnav.services.gateway.stream_sources import StreamSource
 
-#: A view is requested again after this time: the pictures are for people, and each costs traffic.
+#: A view is requested again after this time. That is often enough for people, and saves traffic.
 PERIOD_S = 3.0
 WIDTH_PX = 240
-#: A stream names at most so many views; a page shows no more at once.
+#: Maximum number of views in one stream. A page shows no more at once.
 MAX_TILES = 32
 _DUE_PERIOD_S = 0.25
-#: Cameras that don't answer block at most so many threads.
+#: Maximum number of threads that cameras without an answer can block.
 _THREADS = 8
 
 
 class CameraTiles(StreamSource):
-    """The newest small picture of each wanted view, by "camera/view". A thread requests them until the node ends."""
+    """The newest small picture of each watched view, by the id "camera/view". A thread requests them until the node ends."""
 
     def __init__(self, node: Node, cameras: Cameras) -> None:
         self._log = StateLog(uuid.uuid4().hex[:8])
@@ -42,7 +42,7 @@ class CameraTiles(StreamSource):
 
     @contextmanager
     def wanting(self, ids: Sequence[str]) -> Iterator[None]:
-        """Has these views requested while the context is open."""
+        """While this context is open, these views are requested regularly."""
         with self._lock:
             for id in ids:
                 if not self._n_wanting[id]:
@@ -64,7 +64,7 @@ class CameraTiles(StreamSource):
                     pool.submit(self._request, id)
 
     def _take_due(self) -> list[str]:
-        """The views to request now. None of them is due again before it was answered."""
+        """Removes and returns the views that are due. A view becomes due again only after its request has ended."""
         now_s = time.monotonic()
         with self._lock:
             due = [id for id, due_s in self._due_s.items() if due_s <= now_s]
@@ -73,7 +73,7 @@ class CameraTiles(StreamSource):
         return due
 
     def _request(self, id: str) -> None:
-        """Requests a view from its camera, and puts its picture into the log, or why there is none."""
+        """Requests a view from its camera, and adds its picture to the log, or the reason why there is none."""
         camera, _, number = id.rpartition("/")
         view = int(number)
         try:

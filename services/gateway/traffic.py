@@ -1,4 +1,4 @@
-"""Traffic on the bus: of every node, and what missions cost."""
+"""Traffic on the bus: of every node, and of cameras and robots during each mission."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from surveilnav.services.gateway.state import BuildingState
 
 
 def present_traffic(state: BuildingState) -> Traffic:
-    """What every node counted, summed by node, camera and robot."""
+    """The bytes that every node has counted, summed by node, camera and robot."""
     rows = {f"{r.message.kind}/{r.message.node}": r for r in state.traffic.rows()}
     received = {name: ReportAge(row.received_ns, state.traffic.is_old(row)) for name, row in rows.items()}
     return sum_traffic((row.message for row in rows.values()), received)
 
 
 class MissionTrafficMeter:
-    """Counts what cameras and robots send while missions run, at every ``update``. Thread-safe."""
+    """Counts the bytes that cameras and robots send during each mission. Call ``update`` regularly. Thread-safe."""
 
     def __init__(self, state: BuildingState) -> None:
         self._state = state
@@ -27,7 +27,7 @@ class MissionTrafficMeter:
         self._lock = threading.Lock()
 
     def clear(self) -> None:
-        """Begins anew: a replay was taken to another moment."""
+        """Forgets all counts, because a replay jumped to another moment."""
         with self._lock:
             self._usages = MissionUsages()
 
@@ -39,7 +39,7 @@ class MissionTrafficMeter:
             self._usages.update(statuses, counts)
 
     def all(self) -> dict[str, MissionTraffic]:
-        """The traffic of the missions that were seen running, by mission."""
+        """The traffic of the missions that ran while this gateway was running, by mission."""
         found = {}
         for id, row in self._state.missions.newest("mission").items():
             with self._lock:
@@ -49,7 +49,7 @@ class MissionTrafficMeter:
         return found
 
     def one(self, id: str) -> MissionTraffic:
-        """The traffic of one mission; 404 if this gateway didn't see it run."""
+        """The traffic of one mission. Problem 404: it hasn't run while this gateway was running."""
         if (found := self.all().get(id)) is None:
             raise Problem(
                 404, "no_traffic", f"mission {id} wasn't seen running: it waits, or ended before the gateway came"

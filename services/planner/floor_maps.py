@@ -1,4 +1,4 @@
-"""The maps of the floor that a mission's robot is on: asked for at one moment, and only what has changed since the last time."""
+"""Gets all maps of a floor from fusion in one query, as they are at one moment, and transfers only what has changed."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from surveilnav.services.planner.core import FloorMaps
 
 
 class FloorMapsClient:
-    """Asks fusion for the maps of a floor, and keeps the last answer to ask for differences alone. For one thread."""
+    """Asks fusion for the maps of a floor. Keeps the last answer, so that the next needs only the changes. For one thread."""
 
     def __init__(self, node: Node, target: str, timeout_s: float) -> None:
-        """``target``: what the value layer belongs to."""
+        """``target``: the target whose value layer is wanted."""
         self._node, self._target, self._timeout_s = node, target, timeout_s
         self._floor, self._epoch, self._revision = "", "", -1
         self._layers: dict[str, NDArray] = {}
         self._objects: dict[int, ObjectRecord] = {}
 
     def maps_at(self, revision: Revision, robot: str) -> FloorMaps:
-        """The maps of a revision's floor as they are now: that revision or a later one, with the same newest observation of
-        the robot in them.
+        """The maps of the revision's floor, of this revision or a later one. In them, the robot's newest observation is the same.
 
         Raises:
-            Unanswered, Refused: fusion doesn't answer, or won't. WireError: its answer doesn't fit together.
+            Unanswered, Refused: fusion doesn't answer, or refuses.
+            WireError: parts of the answer are missing, or it contains another observation of the robot.
         """
         if revision.floor != self._floor:
             self._forget()
@@ -39,7 +39,7 @@ class FloorMapsClient:
         try:
             self._update(header, received.payload)
         except WireError:
-            self._forget()  # the next answer is a whole one
+            self._forget()  # so that the next query asks for everything
             raise
         if header.robots.get(robot) != revision.robots.get(robot):
             raise WireError(
@@ -60,7 +60,7 @@ class FloorMapsClient:
         )
 
     def _update(self, header: FloorMapsHeader, payload: bytes) -> None:
-        """Puts what has changed in the place of what was. WireError: something is missing or doesn't fit."""
+        """Applies the changes to the last answer. WireError: something is missing, or they are changes of another revision."""
         if header.since not in (-1, self._revision):
             raise WireError(f"expected changes since revision {self._revision}, got those since {header.since}")
         layers, objects = unpack_parts(header, payload), {record.id: record for record in header.objects}

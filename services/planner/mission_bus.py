@@ -1,4 +1,4 @@
-"""What a mission asks the other services: where the robot is, the maps that contain its newest view, and to move."""
+"""The requests of a mission to other services: the robot's status, maps that contain its newest view, and moves."""
 
 from __future__ import annotations
 
@@ -37,10 +37,10 @@ class MissionCancelledError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class MissionBus:
-    """The bus as one mission uses it.
+    """Sends the requests of one mission.
 
-    Every wait ends: with what it waits for, with ``MissionCancelledError``, or with ``MissionFailedError`` when its time is
-    over. ``report_waiting`` is called with the reason why the robot stands still.
+    A method that waits returns what it waits for, or raises ``MissionCancelledError``, or ``MissionFailedError`` at its time
+    limit. ``report_waiting`` is called with the reason why the robot stands still meanwhile.
     """
 
     node: Node
@@ -75,7 +75,7 @@ class MissionBus:
         return kept
 
     def maps_with(self, seq: int) -> FloorMaps:
-        """The maps of the robot's floor, as soon as they contain its observation ``seq``. Nothing waits for cameras' views.
+        """The maps of the robot's floor, once they contain its observation ``seq``. Views of cameras aren't waited for.
 
         Raises:
             MissionFailedError: perception_down, fusion_down or robot_lost, after ``maps_timeout_s``.
@@ -115,7 +115,7 @@ class MissionBus:
                 reply: CommandReply = self.node.ask(
                     ROBOT_COMMAND, command, robot=self.robot, timeout_s=self.settings.ask_timeout_s
                 ).message
-                return reply.seq  # refused by its number: it stands elsewhere than we thought, look again there
+                return reply.seq  # if it isn't seq + 1, the robot has refused: it is at another observation
             except Unanswered as error:
                 self._wait_for_robot(began_s, error)
                 newest = self.robot_status().seq
@@ -123,14 +123,14 @@ class MissionBus:
                     return newest
 
     def _revision_with(self, seq: int, began_s: float) -> Revision:
-        """The newest revision of the floor whose maps contain observation ``seq``; waits for it."""
+        """Waits until a floor's maps contain the robot's observation ``seq``; returns the newest revision of that floor."""
         asked_s = time.monotonic()
         while True:
             rows = [row.message for row in self.revisions.rows()]
             if holding := [r for r in rows if r.robots.get(self.robot) == seq]:
                 return max(holding, key=lambda r: r.stamp_ns)
             now_s = time.monotonic()
-            if now_s - asked_s > _ASK_AGAIN_S:  # a put may have been lost with the router
+            if now_s - asked_s > _ASK_AGAIN_S:  # a published revision is lost if the router restarts
                 asked_s = now_s
                 for received in self.node.ask_all(MAP_REVISION, timeout_s=self.settings.ask_timeout_s):
                     if received.message.robots.get(self.robot) == seq:
@@ -159,7 +159,7 @@ class MissionBus:
         )
 
     def _wait_or_fail(self, began_s: float, limit_s: float, name: str, why: str) -> None:
-        """Waits a moment. MissionFailedError: ``limit_s`` have passed since ``began_s``."""
+        """Sleeps for a moment. MissionFailedError(name, why): more than ``limit_s`` have passed since ``began_s``."""
         waited_s = time.monotonic() - began_s
         if waited_s > limit_s:
             raise MissionFailedError(name, f"{why}; waited {limit_s:g} s")
@@ -168,7 +168,7 @@ class MissionBus:
         self._pause(_POLL_S)
 
     def check_cancelled(self) -> None:
-        """MissionCancelledError: somebody cancelled the mission, or the service ends."""
+        """Raises MissionCancelledError if somebody has cancelled the mission, or the service ends."""
         if self.cancelled() or self.node.stopping.is_set():
             raise MissionCancelledError
 

@@ -1,4 +1,4 @@
-"""All missions of a building: which there are, which robot has which, and which are resumed after a restart."""
+"""Keeps all missions of a building: accepts goals, assigns robots to them, and resumes missions after a restart."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class MissionRegistry:
             return self._missions.get(id)
 
     def retry_saving(self) -> None:
-        """Retries what the store couldn't do: be read when the planner started, or written since."""
+        """Tries again what failed: reading the store when the planner started, or writing the end of a mission."""
         with self._lock:
             self._resumed = self._resumed or self._resume()
         for mission in self.all():
@@ -77,7 +77,7 @@ class MissionRegistry:
         return mission
 
     def _robot_for(self, goal: MissionGoal) -> tuple[str, str]:
-        """The robot for a goal and "", or "" and why the mission waits for one. MissionError: neither is possible."""
+        """Returns (robot, "") for a goal, or ("", why the mission has to wait). MissionError: the goal can't be accepted."""
         try:
             return self._free_robot(goal.robot), ""
         except MissionError as error:
@@ -98,7 +98,7 @@ class MissionRegistry:
                     continue
 
     def is_halted(self, robot: str) -> bool:
-        """Whether a robot is halted, by its latest status."""
+        """Whether a robot's latest status says that it is halted."""
         return any(row.message.robot == robot and row.message.state == "halted" for row in self._robots.rows())
 
     def _resume(self) -> bool:
@@ -125,7 +125,7 @@ class MissionRegistry:
         return True
 
     def _free_robot(self, wanted: str) -> str:
-        """The robot asked for, or any that is here and has no mission."""
+        """A free robot: the wanted one or, with "", any. MissionError: there is none; the message says why."""
         here = sorted(self._node.alive("robot") & {row.message.robot for row in self._robots.rows()})
         busy = {m.robot: m.id for m in self._missions.values() if not m.finished and m.robot}
         if wanted:

@@ -1,4 +1,4 @@
-"""One mission: the loop observe, decide, act of one robot, on a thread of its own."""
+"""Runs one mission: the loop of observing, deciding and acting of one robot, on a thread of its own."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from surveilnav.services.planner.store import PendingAction, SavedMission, Store
 from surveilnav.services.planner.summaries import Summaries
 from surveilnav.words import canonical
 
-#: How often in a row a robot may refuse a stair; the core gives the stair up long before.
+#: How often in a row a robot may refuse a stair before the mission fails. The core gives up the stair long before that.
 _MAX_REFUSALS = 5
 _PAUSE_CHECK_S = 0.1
 
@@ -66,10 +66,10 @@ def _as_asked(goal: MissionGoal) -> str:
 
 
 class MissionRunner:
-    """Runs one mission, a new one or one that the store kept.
+    """Runs one mission: a new one, or one from the store.
 
     Attributes:
-        status, plan: the latest ones.
+        status, plan: the latest status and plan.
         robot: the robot's id; "" while the mission waits for one.
         unsaved: whether the store lacks the latest state.
     """
@@ -115,7 +115,7 @@ class MissionRunner:
         return self.status.state in FINISHED_STATES
 
     def matches(self, goal: MissionGoal, target: str) -> bool:
-        """Whether a goal is the one of this mission, sent again.
+        """Whether a goal is a repetition of the goal of this mission.
 
         ``target``: the goal's target in perception's present vocabulary, which may have changed since.
         """
@@ -124,7 +124,7 @@ class MissionRunner:
 
     @property
     def is_queued(self) -> bool:
-        """Whether it has no robot yet."""
+        """Whether the mission waits for a robot."""
         return not self.robot and not self.finished
 
     def save(self) -> None:
@@ -145,7 +145,7 @@ class MissionRunner:
             self._store.save(saved, finished=self.finished, sync=not under_way)
 
     def announce(self) -> None:
-        """Publishes the mission. If it has a robot, it starts, or goes on where the store says that it was."""
+        """Publishes the mission's status. If it has a robot, it also starts the loop, from the state that was in the store."""
         self._statuses = self._node.publisher(MISSION_STATUS, mission=self.id)
         self._plans = self._node.publisher(MISSION_PLAN, mission=self.id)
         self._publish_status()
@@ -153,7 +153,7 @@ class MissionRunner:
             self._thread.start()
 
     def assign(self, robot: str) -> None:
-        """Starts a queued mission with a robot. StoreError: that can't be written, and the mission stays queued."""
+        """Gives a queued mission a robot and starts it. StoreError: this can't be stored, so the mission stays queued."""
         with self._starting:
             if not self.is_queued:
                 return
@@ -174,8 +174,8 @@ class MissionRunner:
         self._ended.set()
 
     def retry_saving(self) -> None:
-        """Tries again to write the end of a mission that the store couldn't take, so that it isn't resumed after a restart."""
-        if self.unsaved and self.finished:  # an open one is written with its next decision
+        """Writes the end of the mission to the store if that failed before; otherwise a restart would resume the mission."""
+        if self.unsaved and self.finished:  # an open mission is written with its next decision anyway
             self._save_or_warn()
 
     def cancel(self, reason: str, wait_s: float) -> None:
@@ -200,7 +200,7 @@ class MissionRunner:
         self._save_or_warn()
 
     def wait_until(self, *, paused: bool, at_most_s: float) -> None:
-        """Waits until the mission is paused, or isn't, or has ended; at most ``at_most_s``."""
+        """Waits until the mission is paused (``paused`` False: isn't paused) or has ended, for ``at_most_s`` at most."""
         until_s = time.monotonic() + at_most_s
         while (self.status.state == "paused") != paused and not self.finished and time.monotonic() < until_s:
             time.sleep(0.01)
@@ -238,10 +238,10 @@ class MissionRunner:
                 publisher.close()
 
     def _search(self) -> None:
-        """Repeats until the mission ends: maps that contain observation n, a decision, an action, observation n + 1.
+        """The loop, until the mission ends: wait for maps that contain observation n, decide, act, get observation n + 1.
 
-        A resumed mission starts with the action that it decided on last. The robot's sequence number tells whether that
-        was carried out already.
+        A resumed mission starts with the action that was decided on last. By the robot's sequence number, it is known whether
+        the robot has carried out that action already.
         """
         while True:
             self._bus.check_cancelled()
@@ -278,7 +278,7 @@ class MissionRunner:
         self._publish_status(state="active", phase="waiting", message="going on")
 
     def _decide(self, status: RobotStatus, maps: FloorMaps) -> PendingAction:
-        """Decides on the next action, and writes it to the store before the robot hears of it."""
+        """Decides on the next action, and writes it to the store before it is sent to the robot."""
         robot = self._robot_view(status)
         self._state, decision = step(
             self._state, maps, robot, self._settings.core, summaries=self._summaries.by_floor()
@@ -307,7 +307,7 @@ class MissionRunner:
         return self._pending
 
     def _robot_view(self, status: RobotStatus) -> RobotView:
-        """The robot as the core sees it. A stair that it refused doesn't count as its last action."""
+        """The robot as input of the core. A stair that the robot refused doesn't count as its last action."""
         robot = RobotView.from_status(status, self.id, self._bus.stairs(status))
         if robot.path_m < self._robot_path_m:  # the robot was restarted, and counts from zero
             self._path_before_m += self._robot_path_m
@@ -340,7 +340,7 @@ class MissionRunner:
         self._refusals = 0
 
     def _conclude(self, pending: PendingAction) -> bool:
-        """Ends the mission as decided; False if the robot refused the stop because it is at another observation."""
+        """Ends the mission as decided. False: the robot has moved on to another observation and therefore didn't stop."""
         if not pending.found:
             self._stop_robot()
             self._end("failed", error=pending.error, message=pending.message)

@@ -1,1 +1,1 @@
-"""What fusion says on the bus: revisions as they change, and answers about layers, objects, pictures and its log."""
+"""What fusion publishes and answers: revisions when they change, and queries for maps, objects, pictures and the log."""

@@ -1,7 +1,7 @@
-"""Answers about all maps of one floor at one moment, which is everything that a planner decides on.
+"""Answers with all maps of one floor at one moment: everything that a planner bases a decision on.
 
-The client says which revision it has and gets what has changed since: the layers that differ, and the objects with new events.
-Everything in an answer is read under one lock, so that no decision mixes two revisions.
+The client says which revision it has, and gets only what has changed since: layers that differ, and objects with new events.
+Everything in an answer is read while one lock is held, so that no decision mixes two revisions.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from surveilnav.sensing.packing import pack_array
 from surveilnav.services.fusion.answers.reader import MapReader
 from surveilnav.services.fusion.answers.revisions import Revisions
 
-_MAX_LAYERS = 256  # of which the last answer is kept, over all floors and targets
+_MAX_LAYERS = 256  # that are kept as they were last sent, over all floors and targets
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,8 +31,8 @@ class _AnsweredLayer:
     """A layer as it was last sent.
 
     Attributes:
-        changed_at: the revision since which it hasn't changed, as far as is known.
-        newest_at: the newest revision of which it was sent.
+        changed_at: the revision at which it was first sent as it is now. It may have changed before that, but not since.
+        newest_at: the newest revision at which it was compared.
     """
 
     grid: Grid
@@ -62,7 +62,7 @@ class FloorMapsAnswers:
         text = self._reader.embedding(target, value_prompt(target))
         try:
             self._reader.build_value(floor, text)
-            # all of one moment: nothing is integrated between these lines
+            # one moment: nothing is integrated while the lock is held
             with self._maps.lock:
                 joint, epoch = self._reader.joint_of(floor), self._maps.epoch
                 since = _since(request, epoch)

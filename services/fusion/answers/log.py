@@ -1,4 +1,4 @@
-"""Answers about the log of views, and snapshots of the maps. With them, others can make the same maps again."""
+"""Answers with logged views and snapshots of the maps, from which others (the recorder) can compute the same maps."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What all answers about the maps share: the maps of a floor, and embeddings of texts."""
+"""What several kinds of answers need: the maps of a floor, and embeddings of texts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Revisions: what the maps of a floor have processed, published whenever that changes."""
+"""Publishes, for each floor, the revision of its maps and which views they have processed, whenever that changes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from surveilnav.services.fusion.intake.intake import ViewIntake
 from surveilnav.services.fusion.map_log.log import MapLog
 
 _HEARTBEAT_S = 1.0
-_MAX_FAULTS = 3  # that are listed in a revision's message
+_MAX_FAULTS = 3  # that a revision's message lists
 
 
 class Revisions:
@@ -94,6 +94,6 @@ class Revisions:
 
 
 def _content(revision: Revision) -> tuple[object, ...]:
-    """What must differ for a revision to be published: everything but its stamp."""
+    """What is compared to decide whether a revision has changed: everything that may change but its stamp."""
     r = revision
     return r.revision, r.robots, r.cameras, r.pending_views, r.perception_ok, r.message

@@ -70,7 +70,7 @@ class ViewIntake:
         return bool(frames)
 
     def pop_perceived(self) -> list[PerceivedView]:
-        """Views that are ready for the maps: those of robots first, then a few of cameras, so that no robot waits for many."""
+        """Views that are ready for the maps: all of robots or, if there are none, a few of cameras."""
         faulty, self._faulty = list(self._faulty.values()), {}
         return faulty + (self._perception.pop_robots() or self._perception.pop_cameras(self._views_per_step))
 
@@ -85,9 +85,9 @@ class ViewIntake:
         self._perception.submit(frame)
 
     def _perceive_again_for_new_words(self) -> None:
-        """Has perception look at the cached pictures of cameras again, if there is a reason to.
+        """Sends the cached pictures of cameras to perception again if its answers would now be different.
 
-        That is so when a mission searches for a word that wasn't looked for in them, and when another model embeds views.
+        That is so if a mission searches for a word that these pictures weren't searched for, or if another model embeds views.
         """
         now_s = time.monotonic()
         if now_s - self._words_s < _WORDS_PERIOD_S:

@@ -1,8 +1,8 @@
-"""Sends views to perception, beside the main loop, until it answers. So an outage delays views but loses none.
+"""Sends views to perception, on threads beside the main loop, and repeats each until it is answered.
 
-Robots and cameras have a lane each, with a thread of its own, so that a robot's view never waits for cameras'. Each view has one
-place in its lane: a newer picture replaces one that still waits. The lane of cameras takes the most useful picture first
-(``ranking``).
+So an outage of perception delays views but loses none. Robots and cameras have a lane each, with its own thread, so that a
+robot's view never waits behind cameras' views. A lane holds at most one picture per view: a newer one replaces one that still
+waits. In the lane of cameras, the most useful picture is perceived first (``ranking``).
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ from surveilnav.services.fusion.perceived import PerceivedView, ViewKey
 
 #: Refusals for reasons that pass, and have nothing to do with the picture.
 _TRANSIENT = {"busy", "too_late", "no_truth", "not_ready", "superseded"}
-_MAX_ATTEMPTS = 3  # with a picture that perception refuses for another reason
+_MAX_ATTEMPTS = 3  # with a picture that perception refuses for a reason that doesn't pass
 
 
 @dataclass(slots=True)
 class _Lane:
-    """The waiting and the finished pictures of one kind of source. Only few are finished at a time: decoded, they are large."""
+    """The waiting and the finished pictures of one kind of source. ``done`` has few, since decoded pictures are large."""
 
     done: queue.Queue[PerceivedView]
     waiting: OrderedDict[ViewKey, Received[FrameHeader]] = field(default_factory=OrderedDict)
@@ -113,7 +113,7 @@ class PerceptionClient:
                 self._deliver(lane, finished)
 
     def _try_to_perceive(self, lane: _Lane, frame: Received[FrameHeader]) -> PerceivedView | None:
-        """``_perceive``, whatever goes wrong: the thread must survive, since no other one serves its lane."""
+        """Calls ``_perceive`` and catches every exception, because no other thread serves this lane."""
         header = frame.message
         try:
             return self._perceive(lane, frame)
@@ -182,7 +182,7 @@ class PerceptionClient:
         return PerceivedView(key, header, view, perception, frame.payload, reply, _digest(frame, embedder, words))
 
     def _ask(self, frame: Received[FrameHeader], words: tuple[str, ...]) -> tuple[bytes, ViewPerception]:
-        """A worker's reply about a frame: as bytes and decoded."""
+        """Asks a worker about a frame; returns its reply, as bytes and decoded."""
         header, timeout_s = frame.message, self._settings.infer_timeout_s
         request = InferRequest(
             stamp_ns=clock_ns(),

@@ -23,7 +23,7 @@ class ViewRanking:
         self._ranked_s = 0.0
 
     def pop_best(self, waiting: Mapping[ViewKey, FrameHeader]) -> ViewKey:
-        """The best of one or more waiting views. The caller takes it, so that it isn't waiting any more at the next call."""
+        """The best of one or more waiting views. By the next call, the caller must have removed it from the waiting ones."""
         if time.monotonic() - self._ranked_s >= _MAX_AGE_S:
             self._ranked = []
         while self._ranked:

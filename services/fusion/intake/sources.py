@@ -1,6 +1,6 @@
-"""Subscriptions to sources: to robots always, to cameras while eq. 1 invokes them, and to others in advance if a setting says so.
+"""Subscriptions to sources: to all robots, to the cameras that eq. 1 invokes and, by a setting, to others in advance.
 
-A camera is invoked by subscribing to its frames. It renders, encodes and sends only while somebody subscribes.
+Subscribing to a camera's frames invokes it: a camera renders, encodes and sends only while somebody subscribes.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class InvokedCamera:
 
 
 class Sources:
-    """Keeps the subscriptions that eq. 1 demands, and hands over the newest frame of each."""
+    """Subscribes to the sources that eq. 1 demands, and returns the newest frame of each subscription."""
 
     def __init__(self, node: Node, settings: FusionSettings, maps: BuildingMaps, words: SearchedWords) -> None:
         self._node, self._settings, self._maps, self._words = node, settings, maps, words
@@ -62,7 +62,7 @@ class Sources:
         self.cameras: dict[str, InvokedCamera] = {}
 
     def poll(self) -> tuple[list[Received[FrameHeader]], list[str]]:
-        """The frames that are new, those of robots first, and the sources ("camera/<id>") whose subscriptions have ended."""
+        """The new frames, those of robots first, and the cameras ("camera/<id>") whose subscriptions have just been ended."""
         now_s = time.monotonic()
         dropped: list[str] = []
         if now_s - self._refreshed_s >= _REFRESH_S:
@@ -199,7 +199,7 @@ class Sources:
         self._node.log.info("invokes a camera", camera=info.camera, views=len(slots))
 
     def _request_missing(self, now_s: float) -> None:
-        """Requests views that were lost on the way from their cameras, after twice the time at each attempt."""
+        """Requests views that haven't arrived from their cameras again. The time between two requests doubles each time."""
         for name, camera in self.cameras.items():
             missing = sorted(set(camera.slots) - camera.arrived)
             if not missing or now_s < camera.resend_at_s:

@@ -12,7 +12,7 @@ from surveilnav.words import MAX_WORDS, validate_word
 
 
 class SearchedWords:
-    """Follows the missions on the bus, and says which words their targets are."""
+    """Follows the missions on the bus to know which words to look for."""
 
     def __init__(self, node: Node, standing: Sequence[str]) -> None:
         """``standing``: words that are always looked for."""
@@ -43,7 +43,7 @@ class SearchedWords:
 
 
 def _valid_words(names: Iterable[str]) -> set[str]:
-    """The names that are valid words. The planner refuses others, so others on the bus come from attackers or bugs."""
+    """Those of the names that are valid words. The planner refuses invalid ones, so these only come from bugs or attackers."""
     words = set()
     for name in names:
         try:

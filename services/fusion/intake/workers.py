@@ -1,4 +1,4 @@
-"""Sends requests to perception workers, so that a worker that hangs delays no request that another one can serve."""
+"""Sends requests to perception workers. If a worker hangs, another one is asked as well."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ from surveilnav.services.fusion.core.views.worker_selector import WorkerSelector
 #: Refusals that have to do with the worker's state, so that another worker may answer.
 _RETRYABLE = {"busy", "not_ready", "too_late", "no_prompt"}
 
-_GRACE_S = 1.0  # in which the bus reports that the time is over
-_DEADLINE_SHARE = 0.9  # of the time left, which a worker gets; the rest is for the way back
+_GRACE_S = 1.0  # beyond the time-out, for the bus to report it
+_DEADLINE_SHARE = 0.9  # of the remaining time, as the worker's deadline; the rest is for sending the answer
 _CANCEL_TIMEOUT_S = 1.0
 
 
 class _WorkerReply(NamedTuple):
-    """What came of a request to a worker: its answer, or the error that ended the request."""
+    """A worker's answer to a request, or the error with which the request ended."""
 
     worker: str
     result: Received[Any] | Exception
 
 
 class Workers:
-    """The perception workers on the bus, as a client of theirs. Safe from any thread."""
+    """A client of all perception workers on the bus. Safe from any thread."""
 
     def __init__(self, node: Node) -> None:
         self._node = node
@@ -69,8 +69,8 @@ class Workers:
     ) -> Received[Any]:
         """Sends a request to the best worker, and to the next ones as needed; returns the first answer.
 
-        The next worker is asked as soon as the former one is late, or refuses for a reason that others needn't share. It is told
-        how little time is left. Workers that are still busy with the request once it is answered get it cancelled.
+        The next worker is asked as soon as the previous one is late, or refuses for a reason that may not hold for others. Its
+        deadline is the time that is left. Once an answer has arrived, the other workers are told to drop the request.
 
         Args:
             embedder: if any worker runs this embedding model, only such workers are asked.

@@ -1,1 +1,1 @@
-"""What makes the maps outlive the process: a write-ahead log of views, snapshots, and the history of objects."""
+"""Storage that lets the maps survive a restart: a write-ahead log of views, snapshots, and the history of objects."""

@@ -1,9 +1,9 @@
-"""The log of views: each view is logged before it is integrated, so that the maps can be made again.
+"""The log of views: each view is logged before it is integrated, so that a restart can compute the same maps again.
 
-Whatever a revision or an answer has ever said can be restored. After a restart, the maps are those of the newest readable
-snapshot with the views that were logged after it integrated in their order, equal bit by bit. While the disk can't be written,
-views wait, nothing is announced, and ``problem`` says why. Without a file (no ``store`` in the settings), views are integrated
-as they come.
+After a restart, the newest readable snapshot is loaded and the views logged after it are integrated in their order. The
+result equals the maps of before bit by bit, so every revision that was announced can be restored. While the disk can't be
+written, views wait, nothing is announced, and ``problem`` says why. Without a file (no ``store`` in the settings), views are
+integrated as they come.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ from surveilnav.services.fusion.map_log.snapshots import SnapshotWriter
 from surveilnav.services.fusion.map_log.store import Entry, Store, StoredEvent, StoreError
 from surveilnav.services.fusion.perceived import PerceivedView, ViewKey
 
-_NEWEST_VIEWS = 64  # of one source, which are searched for a picture
+_NEWEST_VIEWS = 64  # of one view, among which a picture is looked for
 
 
 class LogState(Enum):
-    """How the file compares with the maps."""
+    """Whether the file holds what the maps hold."""
 
     NO_FILE = "the maps end with the process"
     UNREAD = "the maps haven't been restored from the file yet"
@@ -41,10 +41,10 @@ class LogState(Enum):
 
 
 class MapLog:
-    """Logs views and integrates them. To be used by the main loop; ``forget_pictures`` and all that only reads is thread-safe.
+    """Logs views and integrates them. For the main loop; ``forget_pictures`` and what only reads are thread-safe.
 
     Attributes:
-        state: how the file compares with the maps.
+        state: whether the file holds what the maps hold.
         problem: why views can't be logged now; "" while they can.
     """
 
@@ -66,13 +66,13 @@ class MapLog:
 
     @property
     def is_blocked(self) -> bool:
-        """Whether views wait for the file, so that no more should be taken from perception."""
+        """Whether views wait because the file can't be written. Then no more should be taken from perception."""
         return bool(self._waiting and self.problem)
 
     # --- views ----------------------------------------------------------------------------------------------------
 
     def integrate(self, arrived: Iterable[PerceivedView]) -> None:
-        """Logs views and integrates them in the order of time, then source, then view; writes a snapshot if one is due."""
+        """Logs and integrates views, ordered by time stamp, source and view index. Writes a snapshot if one is due."""
         for perceived in arrived:
             if self._is_new(perceived):
                 self._waiting[perceived.key] = perceived
@@ -84,7 +84,7 @@ class MapLog:
             self._snapshots.remove_old_files()
 
     def _is_new(self, perceived: PerceivedView) -> bool:
-        """Whether a view must be logged, that is, neither its picture nor its fault is what was processed last."""
+        """Whether a view must be logged. False if its picture, or its fault, is the one that was processed last."""
         key, processed = perceived.key, self._maps.processed
         if processed.repeats_fault(perceived):
             self._report(perceived, Outcome(fault=perceived.fault))
@@ -219,7 +219,7 @@ class MapLog:
             self._node.log.info("restored", revision=revision, seconds=round(time.monotonic() - began_s, 2))
 
     def _replay(self) -> None:
-        """Integrates the views logged after the snapshot. StoreError."""
+        """Integrates the views logged after the snapshot. Raises StoreError."""
         for number, perceived in logged_views(self._store, self._node, self._maps.number):
             try:
                 self._integrate(number, perceived)

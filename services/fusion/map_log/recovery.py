@@ -47,7 +47,7 @@ def restore_newest_snapshot(store: Store, node: Node, maps: BuildingMaps) -> Non
 
 
 def logged_views(store: Store, node: Node, after: int) -> Iterator[tuple[int, PerceivedView]]:
-    """The views logged after number ``after``, with their numbers. Damaged and missing ones are reported. StoreError."""
+    """The views logged after number ``after``, with their numbers. Damaged and missing ones are reported. Raises StoreError."""
     for number, entry in store.log(after):
         if number > after + 1:
             node.log.warning("log_gap", after=after, next=number)

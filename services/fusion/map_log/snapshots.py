@@ -33,13 +33,18 @@ class SnapshotWriter:
         self._views, self._bytes = 0, 0  # integrated and logged since the last snapshot
         self._age = PictureAge(keep_pictures_s)
         self._keep_pictures_s = keep_pictures_s
-        self._wipe = False  # overwrite what the file's free pages still hold, once the log is empty
+        self._wipe = (
+            False  # after the second snapshot, overwrite the file's free pages: they still hold deleted pictures
+        )
         self._cleaned_up_s = -math.inf
         self._thread: threading.Thread | None = None
 
     def record_logged(self, n_bytes: int, *, integrated: bool) -> None:
-        """Counts a logged view towards the next snapshot: every view by its bytes, since the log must stay bounded, and an
-        integrated one also by number, since a restart would have to integrate it again."""
+        """Counts a logged view towards the next snapshot.
+
+        Its bytes always count, because the log must stay bounded. Its number counts only if it was integrated, because then a
+        restart has to integrate it again.
+        """
         self._views += integrated
         self._bytes += n_bytes + _ROW_BYTES
         self._age.record_logged(time.monotonic())
@@ -102,7 +107,7 @@ class SnapshotWriter:
 
 
 class PictureAge:
-    """When snapshots are due so that no picture stays in the log for longer than ``keep_s``. None: there is no limit.
+    """Says when snapshots are due, so that no picture stays in the log for longer than ``keep_s`` (None: without a limit).
 
     Times are those of a monotonic clock [s].
     """
@@ -114,7 +119,7 @@ class PictureAge:
         self._snapshots_wanted, self._retry_at_s = 0, 0.0
 
     def forget(self) -> None:
-        """Everything that is in the log now must be removed."""
+        """Makes two snapshots due, after which everything that is in the log now is gone."""
         self._snapshots_wanted, self._retry_at_s = 2, 0.0
 
     def record_logged(self, now_s: float) -> None:

@@ -1,8 +1,8 @@
-"""What fusion mustn't lose, in one SQLite file: an append-only log of views, snapshots of the maps, and all events of objects.
+"""An SQLite file with everything that fusion mustn't lose: a log of views, snapshots of the maps, and the events of objects.
 
-A view is committed here before it is integrated, long before a revision names it. A snapshot replaces the log up to it. The two
-newest snapshots are kept, and the log since the older of them, so a snapshot that can't be read costs time but no view. If
-the process is killed, nothing is lost. With synchronous=NORMAL, the operating system decides when a committed view reaches the
+A view is committed here before it is integrated. A snapshot makes the log before it superfluous. The two newest snapshots are
+kept, and the log since the older one, so if the newest can't be read, the maps can still be restored, which only takes longer.
+If the process is killed, nothing is lost. With synchronous=NORMAL, the operating system decides when a committed view reaches the
 disk, so a power cut may lose the newest ones.
 """
 
@@ -24,7 +24,7 @@ import msgspec
 from surveilnav.messages.maps import ObjectEvent
 
 _FORMAT = 1
-_PIECE_BYTES = 4 << 20  # a snapshot is written in pieces, so that a view never waits for all of it
+_PIECE_BYTES = 4 << 20  # a snapshot is written in pieces, so that views can be committed in between
 _SCHEMA = """
 CREATE TABLE IF NOT EXISTS view (
     number INTEGER PRIMARY KEY AUTOINCREMENT, source TEXT, view INTEGER, header BLOB, payload BLOB, reply BLOB,
@@ -52,7 +52,7 @@ class StoreError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """A view as it arrived, with perception's reply. ``fault``: why it couldn't be used; then the rest is meaningless."""
+    """A view as it arrived, with perception's reply. ``fault``: why the picture couldn't be used; then it must not be decoded."""
 
     source: str
     view: int
@@ -115,7 +115,7 @@ class Store:
             ]
 
     def log(self, after: int) -> Iterator[tuple[int, Entry | None]]:
-        """The views logged after number ``after``, oldest first; None for one that is damaged. StoreError."""
+        """The views logged after number ``after``, oldest first; None for one that is damaged. Raises StoreError."""
         while True:
             with self._reading() as db:
                 row = db.execute(
@@ -129,7 +129,7 @@ class Store:
             yield after, _entry(fields, checksum)
 
     def newest(self, source: str, view: int, limit: int) -> list[Entry]:
-        """At most ``limit`` logged views of a source, newest first, without damaged ones. StoreError."""
+        """At most ``limit`` logged views of a source, newest first, without damaged ones. Raises StoreError."""
         with self._reading() as db:
             rows = db.execute(
                 "SELECT source, view, header, payload, reply, digest, fault, checksum FROM view"
@@ -139,19 +139,19 @@ class Store:
         return [entry for *fields, checksum in rows if (entry := _entry(fields, checksum)) is not None]
 
     def add_events(self, events: Iterable[StoredEvent]) -> None:
-        """Commits events. Events with the same numbers that are stored already stay as they are. StoreError."""
+        """Commits events. Events with the same numbers that are stored already stay as they are. Raises StoreError."""
         rows = [(e.number, e.k, e.floor, e.object_id, e.absorbed, msgspec.msgpack.encode(e.event)) for e in events]
         with self._writing() as db:
             db.executemany("INSERT OR IGNORE INTO event VALUES (?, ?, ?, ?, ?, ?)", rows)
 
     def history(self, floor: str, object_id: int) -> list[ObjectEvent]:
-        """All events of an object and of the objects that were merged into it, oldest first. StoreError."""
+        """All events of an object and of the objects that were merged into it, oldest first. Raises StoreError."""
         with self._reading() as db:
             rows = db.execute(_FAMILY, (floor, object_id)).fetchall()
         return [_EVENT.decode(data) for (data,) in rows]
 
     def save(self, snapshot: bytes, up_to: int) -> None:
-        """Saves a snapshot that contains the log up to number ``up_to``, and deletes what it makes superfluous. StoreError."""
+        """Saves a snapshot that contains the log up to number ``up_to``; deletes what is superfluous then. Raises StoreError."""
         pieces = [snapshot[i : i + _PIECE_BYTES] for i in range(0, len(snapshot), _PIECE_BYTES)]
         with self._writing() as db:
             db.execute(
@@ -179,7 +179,7 @@ class Store:
             db.execute("PRAGMA wal_checkpoint(TRUNCATE)")
 
     def snapshots(self) -> Iterator[tuple[int, bytes | None]]:
-        """The snapshots, newest first: (number up to which it contains the log, its bytes or None if damaged). StoreError."""
+        """The snapshots, newest first: (log number up to which it goes, its bytes or None if damaged). Raises StoreError."""
         with self._reading() as db:
             rows = db.execute("SELECT id, up_to, pieces, checksum FROM snapshot ORDER BY id DESC").fetchall()
         for id, up_to, n_pieces, checksum in rows:
@@ -193,7 +193,7 @@ class Store:
             yield up_to, data if is_complete else None
 
     def wipe(self) -> None:
-        """Overwrites everything in the file that was deleted, now and from now on. StoreError."""
+        """Overwrites everything in the file that was deleted, now and from now on. Raises StoreError."""
         self.close()  # to be opened again with the new setting
         self._overwrite = True
         with self._reading() as db:
@@ -201,7 +201,7 @@ class Store:
             db.execute("PRAGMA wal_checkpoint(TRUNCATE)")
 
     def drop_aside(self, before_s: float) -> int:
-        """Removes files that were set aside before a time [s since the epoch]; returns how many. StoreError."""
+        """Removes files that ``set_aside`` made before a time [s since the epoch]; returns how many. Raises StoreError."""
         ours = {self.path.name + ending for ending in ("", "-wal", "-shm", "-journal")}
         removed = 0
         try:
@@ -216,7 +216,7 @@ class Store:
         return removed
 
     def set_aside(self, reason: str, *, copy: bool = False) -> Path:
-        """Moves or copies the file to a name that ends in ``reason``, replacing an older one; returns its path. StoreError."""
+        """Moves or copies the file to a name that ends in ``reason``; returns the new path. Raises StoreError."""
         self.close()
         aside = self.path.with_name(f"{self.path.name}.{reason}")
         try:
