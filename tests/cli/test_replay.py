@@ -20,7 +20,7 @@ from surveilnav.services.recorder.core.mcap_message import encode_bus_message
 from surveilnav.services.recorder.reading import RecordingError
 from surveilnav.services.recorder.recorded import RecordedMaps, RecordedMessage, RecordedStart, read_recording
 
-SNAPSHOT = pack({"maps": freeze(JointMap(FusionConfig())), "held": {}})
+SNAPSHOT = pack({"number": 0, "maps": freeze(JointMap(FusionConfig())), "processed": {}})
 #: A frame of zstd that says it holds 3 GB.
 BOMB = b"\x28\xb5\x2f\xfd\xe0" + (3 << 30).to_bytes(8, "little") + b"\x01\x00\x00"
 CONFIG = FusionConfig().model_dump_json()
