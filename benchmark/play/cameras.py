@@ -67,7 +67,7 @@ class InvokedCameras:
     def _wait(self, names: tuple[str, ...]) -> None:
         for name in names:
             for seen in self._sight.camera(name):
-                self._waiting[seen.view.source, seen.view.view] = self._wedge(seen.view), seen
+                self._waiting[seen.view.source, seen.view.view] = self._footprint(seen.view), seen
 
     def _looked_at(self, joint: JointMap, robot_m: tuple[float, float, float]) -> list[SeenView]:
         """The views that perception has time for until the robot's next, those that may show most first."""
@@ -83,5 +83,5 @@ class InvokedCameras:
         here = {f"camera/{name}" for name in self._here}
         return [key for key in self._waiting if key[0] in here]
 
-    def _wedge(self, view: PosedView) -> ViewFootprint:
+    def _footprint(self, view: PosedView) -> ViewFootprint:
         return ViewFootprint.from_view(view.T_world_camera, view.camera, view.floor_z_m, self._range_m)

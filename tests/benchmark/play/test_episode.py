@@ -139,8 +139,8 @@ def test_of_the_views_that_have_come_a_few_are_looked_at_each_step(flat):
 def test_of_a_floor_that_the_robot_left_nothing_is_looked_at_or_waited_for(monkeypatch):
     floors = {0.0: ["below"], 2.8: ["above"], 1.4: []}
     monkeypatch.setattr(cameras, "active_cameras", lambda floors_z_m, *_: floors[floors_z_m[0]])
-    monkeypatch.setattr(cameras, "most_worth_first", lambda joint, wedges, robots: range(len(wedges)))
-    monkeypatch.setattr(InvokedCameras, "_wedge", lambda *_: None)
+    monkeypatch.setattr(JointMap, "view_utilities", lambda joint, views, robots: np.zeros(len(views)))
+    monkeypatch.setattr(InvokedCameras, "_footprint", lambda *_: None)
 
     def views_of(name):
         views = [SimpleNamespace(source=f"camera/{name}", view=i) for i in range(5)]

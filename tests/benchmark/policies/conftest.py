@@ -5,12 +5,11 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-from surveilnav.services.planner.core.state import RobotView
 
 from surveilnav.benchmark.policies import Task, Truth
 from surveilnav.messages import ObjectRecord
 from surveilnav.robot_state import RobotState
-from surveilnav.services.planner.core import FloorMaps
+from surveilnav.services.planner.core import FloorMaps, RobotView
 from surveilnav.services.planner.core.motion.drive import FmmPlanner
 from surveilnav.services.planner.core.motion.terrain import lines_are_clear
 from surveilnav.simulator.sources import open_building

@@ -670,4 +670,4 @@ def test_where_a_robot_stands_is_followed_on_the_last_floor_that_there_is_room_f
     scene.start()
     for x in (1.0, 1.5):
         scene.robot.observe(x=x)
-        until(lambda x=x: (p := scene.service._intake.places.on("0")) and p.x_m == pytest.approx(x))
+        until(lambda x=x: (p := scene.service._intake.positions.latest_on("0")) and p.x_m == pytest.approx(x))

@@ -10,7 +10,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[3]
 #: By dotted name, every file of the project with compiled loops.
 FILES = {
-    ".".join(path.relative_to(ROOT).with_suffix("").parts): path.read_text()
+    ".".join(("surveilnav", *path.relative_to(ROOT).with_suffix("").parts)): path.read_text()
     for folder in ("simulator", "services", "benchmark")
     for path in (ROOT / folder).rglob("*.py")
     if "njit" in path.read_text()
