@@ -54,13 +54,12 @@ class MapLog:
         """``keep_pictures_s``: how long pictures may stay in the file; None: as long as the log needs them."""
         self._node, self._maps = node, maps
         self._retry_s, self._retry_at_s = settings.retry_s, 0.0
-        self._forgets_on_recovery = keep_pictures_s is not None
+        self._pictures_expire = keep_pictures_s is not None
         self._waiting: dict[ViewKey, PerceivedView] = {}
         self._events: list[StoredEvent] = []  # that aren't written yet
         self.problem = ""
         self.state = LogState.UNREAD if settings.store else LogState.NO_FILE
-        overwrite = keep_pictures_s is not None
-        self._store = Store(Path(settings.store), max_events=settings.max_events, overwrite=overwrite)
+        self._store = Store(Path(settings.store), max_events=settings.max_events, overwrite=self._pictures_expire)
         self._snapshots = SnapshotWriter(node, self._store, settings, keep_pictures_s)
         self._make_ready()
 
@@ -226,7 +225,7 @@ class MapLog:
             except Exception as error:  # a view that ended the previous process must not end this one
                 self._node.log.warning("log_view_lost", number=number, error=f"{type(error).__name__}: {error}")
         self._write_events()
-        if self._forgets_on_recovery and self._maps.number:  # it is unknown how long its pictures have been in the file
+        if self._pictures_expire and self._maps.number:  # it is unknown how long its pictures have been in the file
             self._snapshots.forget_pictures()
 
     def _begin_new_file(self, name: str, message: str) -> None:
