@@ -14,26 +14,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from itertools import combinations, pairwise
 from pathlib import Path
 from typing import Any
 
-import cv2
-import numpy as np
 import yaml
-from numpy.typing import NDArray
 
 from surveilnav.errors import ConfigError
+from surveilnav.geometry.polygon import Polygon, polygon_fault
 
-#: Corners (x, y), as fractions of the picture's size.
-Polygon = tuple[tuple[float, float], ...]
 #: By view, its polygons.
 Zones = Mapping[int, Sequence[Polygon]]
 
 _ALL = "all"
 _MAX_BYTES, _MAX_ZONES, _MAX_CORNERS = 1 << 20, 100, 100
-_MIN_AREA = 1e-9
-_SHIFT = 8  # fractional bits of the coordinates that OpenCV gets
 
 
 def read_zones(
@@ -61,17 +54,6 @@ def read_zones(
         for v in views:
             zones.setdefault(v, []).extend(polygons)
     return {v: polygons for v, polygons in sorted(zones.items()) if polygons}
-
-
-def masked_pixels(polygons: Sequence[Polygon], width_px: int, height_px: int) -> NDArray[np.bool_]:
-    """(height, width): the pixels that a zone touches, even slightly, and one more all around."""
-    # The mask has a rim of one pixel, so that parts that rounding moves outside the picture still grow back into it.
-    mask = np.zeros((height_px + 2, width_px + 2), np.uint8)
-    for polygon in polygons:  # one by one: of several at once OpenCV leaves out the overlap
-        # The centre of pixel 0 lies half a pixel inside the picture, behind the rim.
-        corners = np.array(polygon) * (width_px, height_px) + 0.5
-        cv2.fillPoly(mask, [np.round(corners * (1 << _SHIFT)).astype(np.int32)], 1, shift=_SHIFT)
-    return np.asarray(cv2.dilate(mask, np.ones((3, 3), np.uint8))[1:-1, 1:-1] != 0)
 
 
 # --- the file -------------------------------------------------------------------------------------------------
@@ -122,14 +104,8 @@ def _polygon(zone: Any, where: str) -> Polygon:
     if not isinstance(zone, list) or not 3 <= len(zone) <= _MAX_CORNERS:
         raise ConfigError(f"{where}: expected 3 to {_MAX_CORNERS} corners [x, y], got {_shown(zone)}")
     polygon = tuple(_corner(corner, where) for corner in zone)
-    if abs(_area(polygon)) < _MIN_AREA:
-        raise ConfigError(f"{where}: its corners lie on one line, so that it covers nothing: move one of them aside")
-    edges = [*pairwise(polygon), (polygon[-1], polygon[0])]
-    for (i, a), (k, b) in combinations(enumerate(edges), 2):
-        if 1 < k - i < len(edges) - 1 and _segments_cross(*a, *b):
-            raise ConfigError(
-                f"{where}: its sides {i + 1} and {k + 1} cross, so that its inside isn't clear: make it two zones"
-            )
+    if fault := polygon_fault(polygon):
+        raise ConfigError(f"{where}: {fault}")
     return polygon
 
 
@@ -145,23 +121,3 @@ def _corner(corner: Any, where: str) -> tuple[float, float]:
 
 def _shown(value: Any) -> str:
     return f"{type(value).__name__} {str(value)[:80]!r}"
-
-
-# --- geometry -------------------------------------------------------------------------------------------------
-
-Point = tuple[float, float]
-
-
-def _area(polygon: Polygon) -> float:
-    """Signed area (shoelace)."""
-    return sum(a[0] * b[1] - b[0] * a[1] for a, b in [*pairwise(polygon), (polygon[-1], polygon[0])]) / 2
-
-
-def _segments_cross(a: Point, b: Point, c: Point, d: Point) -> bool:
-    """Whether the segments a-b and c-d cross properly: the ends of each lie on different sides of the other."""
-
-    def side(p: Point, q: Point, r: Point) -> float:
-        """Its sign says on which side of the line p-q the point r lies."""
-        return (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0])
-
-    return side(a, b, c) * side(a, b, d) < 0 and side(c, d, a) * side(c, d, b) < 0

@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from surveilnav.geometry.polygon import pixels_in
 from surveilnav.services.camera_node.config import CameraSettings
 from surveilnav.services.camera_node.sources.source import Picture, Source
-from surveilnav.services.camera_node.zones import Zones, masked_pixels, read_zones
+from surveilnav.services.camera_node.zones import Zones, read_zones
 
 
 def hide_mask_zones(source: Source, settings: CameraSettings) -> Source:
@@ -63,5 +64,5 @@ class MaskedSource:
     def _mask(self, view: int, height_px: int, width_px: int) -> NDArray[np.bool_]:
         key = view, height_px, width_px
         if key not in self._masks:
-            self._masks[key] = masked_pixels(self.zones[view], width_px, height_px)
+            self._masks[key] = pixels_in(self.zones[view], width_px, height_px)
         return self._masks[key]

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surveilnav.geometry import Pinhole, Pose
+from surveilnav.messages import CaptureClock, DepthSource
 from surveilnav.sensing.views import TrueInstances
 
 
@@ -32,12 +33,18 @@ class Picture:
         rgb: (height, width, 3) uint8.
         depth_m: (height, width) float32 [m] along the optical axis, registered; 0 or NaN where there is none.
         truth: which instance each pixel shows. Only simulated cameras know; None for a real one.
+        captured_ns: time of capture [ns since 1970]; 0: it shows the present, whenever it is asked for.
+        clock: how that time is known.
+        depth_source: where ``depth_m`` comes from.
     """
 
     version: int
     rgb: NDArray[np.uint8]
     depth_m: NDArray[np.float32]
     truth: TrueInstances | None = None
+    captured_ns: int = 0
+    clock: CaptureClock = "arrival"
+    depth_source: DepthSource = "sensor"
 
 
 class Source(Protocol):

@@ -43,7 +43,7 @@ from surveilnav.messages.recording import (
 )
 from surveilnav.messages.robot import ACTIONS, Command, CommandReply, Halt, HaltReply, Observation, RobotStatus, Stair
 from surveilnav.messages.truth import Judged, Truth
-from surveilnav.messages.view import FrameHeader, PayloadPart
+from surveilnav.messages.view import CaptureClock, DepthSource, FrameHeader, PayloadPart
 from surveilnav.mission_states import FINISHED_STATES
 
 __all__ = [
@@ -59,8 +59,10 @@ __all__ = [
     "CameraUse",
     "CameraViewInfo",
     "Candidate",
+    "CaptureClock",
     "Command",
     "CommandReply",
+    "DepthSource",
     "Detection",
     "ErrorReply",
     "ForgetPictures",

@@ -10,6 +10,12 @@ from surveilnav.geometry import Pinhole, Pose
 from surveilnav.messages.base import Message
 
 
+#: How a picture's time of capture is known: by the camera's own clock (RTCP), as the time of arrival, or by the file's time.
+CaptureClock = Literal["camera", "arrival", "file"]
+#: Where depth comes from: a sensor measured it, a network estimated it, it follows from the floor's plane, or there is none.
+DepthSource = Literal["sensor", "network", "geometry", "none"]
+
+
 class PayloadPart(msgspec.Struct, frozen=True):
     """One part of a payload: its encoding and its size."""
 
@@ -29,6 +35,8 @@ class FrameHeader(Message, frozen=True, kw_only=True):
         camera: intrinsics of both pictures.
         mounting_offset_m: height of the camera above the floor.
         depth_range_m: (nearest, farthest) depth that it measures.
+        clock: how the time of capture is known, which ``stamp_ns`` is.
+        depth_source: where its depth comes from; "none": no pixel has one.
     """
 
     source: str
@@ -41,3 +49,5 @@ class FrameHeader(Message, frozen=True, kw_only=True):
     depth_range_m: tuple[float, float]
     image: PayloadPart
     depth: PayloadPart
+    clock: CaptureClock = "arrival"
+    depth_source: DepthSource = "sensor"

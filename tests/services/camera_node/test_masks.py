@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 from surveilnav.contract import CAMERA_FRAME, CAMERA_REQUEST, CAMERA_SUMMARY, TRUTH
 from surveilnav.errors import ConfigError
+from surveilnav.geometry.polygon import pixels_in
 from surveilnav.messages import CameraRequest
 from surveilnav.sensing.packing import decode_frame
 from surveilnav.sensing.truth import truth_to_wire
@@ -25,7 +26,6 @@ from surveilnav.services.camera_node.frames import FrameEncoder
 from surveilnav.services.camera_node.service import CameraService
 from surveilnav.services.camera_node.sources.masked import MaskedSource, hide_mask_zones
 from surveilnav.services.camera_node.sources.source import Picture
-from surveilnav.services.camera_node.zones import masked_pixels
 from tests.services.camera_node.conftest import SIDE, Camera
 from tests.waiting import patient, until
 
@@ -59,7 +59,7 @@ class Building(Camera):
 
 def pair(polygons):
     """Two buildings that differ within the polygons alone."""
-    hidden = masked_pixels(polygons, SIDE, SIDE)
+    hidden = pixels_in(polygons, SIDE, SIDE)
     return Building(hidden, 1), Building(hidden, 2)
 
 
@@ -113,18 +113,18 @@ def test_what_a_camera_puts_holds_nothing_of_its_zones(camera_node, make_node, c
     """Over the bus: frame, depth, truth and thumbnail of a view, and the summary of its own perception."""
     client = patient(make_node("test", "t", alive=False))
     building = pair([ZONE])[secret - 1]
-    hidden = masked_pixels([ZONE], SIDE, SIDE)
+    hidden = pixels_in([ZONE], SIDE, SIDE)
     service = CameraService(camera_node, building, camera_settings)
     frames, truths = client.latest(CAMERA_FRAME, **PLACE, view=3), client.latest(TRUTH, source="camera-c1", view=3)
     until(lambda: service._frames[3].matched and service._truths[3].matched)
     service.step()
     frame = until(frames.poll)
     view = decode_frame(frame.message, frame.payload)
-    inner = masked_pixels([ZONE], SIDE, SIDE)
+    inner = pixels_in([ZONE], SIDE, SIDE)
     assert (view.depth_m[inner] == 0).all()
     assert (view.depth_m[~hidden] > 0).all()
     assert view.rgb[~hidden].std() > 30
-    core = masked_pixels([tuple((0.46 + 0.6 * (x - 0.46), 0.48 + 0.6 * (y - 0.48)) for x, y in ZONE)], SIDE, SIDE)
+    core = pixels_in([tuple((0.46 + 0.6 * (x - 0.46), 0.48 + 0.6 * (y - 0.48)) for x, y in ZONE)], SIDE, SIDE)
     assert view.rgb[core].max() <= 60  # black, but for what JPEG smears in from its rim
     truth = until(truths.poll)
     thumbnail = client.ask(CAMERA_REQUEST, CameraRequest(stamp_ns=1, action="thumbnail", views=[3]), **PLACE).payload

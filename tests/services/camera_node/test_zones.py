@@ -10,7 +10,8 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from surveilnav.errors import ConfigError
-from surveilnav.services.camera_node.zones import masked_pixels, read_zones
+from surveilnav.geometry.polygon import pixels_in
+from surveilnav.services.camera_node.zones import read_zones
 
 SQUARE = [[0.2, 0.2], [0.6, 0.2], [0.6, 0.6], [0.2, 0.6]]
 
@@ -91,7 +92,7 @@ TRIANGLES = st.tuples(*[st.tuples(UNIT, UNIT)] * 3)
 @example(((0.0, 1.0), (0.0, 1.0), (0.0, 1.0)), 1, 1, [(0.0, 0.0)] * 30)
 def test_every_pixel_that_a_zone_touches_is_masked(triangle, width, height, places):
     """Any place in the triangle lies on a masked pixel, also in slivers thinner than a pixel."""
-    mask = masked_pixels([triangle], width, height)
+    mask = pixels_in([triangle], width, height)
     a, b, c = np.array(triangle)
     for s, t in places:
         if s + t > 1:
@@ -102,13 +103,13 @@ def test_every_pixel_that_a_zone_touches_is_masked(triangle, width, height, plac
 
 @given(TRIANGLES, TRIANGLES)
 def test_zones_that_overlap_hide_what_each_hides(first, second):
-    both = masked_pixels([first, second], 40, 30)
-    assert np.array_equal(both, masked_pixels([first], 40, 30) | masked_pixels([second], 40, 30))
+    both = pixels_in([first, second], 40, 30)
+    assert np.array_equal(both, pixels_in([first], 40, 30) | pixels_in([second], 40, 30))
 
 
 def test_a_zone_hides_little_beyond_itself():
-    mask = masked_pixels([((0.25, 0.25), (0.75, 0.25), (0.75, 0.75), (0.25, 0.75))], 40, 40)
+    mask = pixels_in([((0.25, 0.25), (0.75, 0.25), (0.75, 0.75), (0.25, 0.75))], 40, 40)
     rows, cols = np.nonzero(mask)
     assert (rows.min(), rows.max(), cols.min(), cols.max()) == (9, 31, 9, 31)  # 10-29, and a pixel or two around
-    assert not masked_pixels([((0, 0), (0.1, 0), (0, 0.1))], 40, 40)[10:, 10:].any()
-    assert masked_pixels([((0, 0), (1, 0), (1, 1), (0, 1))], 40, 40).all()
+    assert not pixels_in([((0, 0), (0.1, 0), (0, 0.1))], 40, 40)[10:, 10:].any()
+    assert pixels_in([((0, 0), (1, 0), (1, 1), (0, 1))], 40, 40).all()
