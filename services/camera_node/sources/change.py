@@ -1,8 +1,8 @@
 """Decides which pictures of a living camera are worth sending: those that show something new.
 
-Noise, compression and slow daylight change every pixel a little. The detector compares blurred brightness, after taking out one
-gain and offset for the whole picture, and counts blocks that differ by more than the noise that it has measured in them. Blocks that
-differ by less drift into what later pictures are compared with, so that shadows may wander.
+Noise, compression and slow daylight change every pixel a little. The detector compares blurred brightness, after taking out
+one gain and offset for the whole picture, and counts blocks that differ by more than the noise that it has measured in them.
+Blocks that differ by less drift into what later pictures are compared with, so that shadows may wander.
 """
 
 from __future__ import annotations
@@ -57,9 +57,11 @@ def _blocks(rgb: NDArray[np.uint8]) -> NDArray[np.float32]:
 
 
 def _aligned(before: NDArray[np.float32], now: NDArray[np.float32]) -> NDArray[np.float32]:
-    """``before`` with the gain and offset that bring it nearest to ``now``, by the middle half of the blocks, so that a person
-    who walks in doesn't count as light."""
+    """``before`` with the gain and offset that bring it nearest to ``now``.
+
+    They are those of the quartiles, so that a person who walks in doesn't count as light.
+    """
     low, high = np.percentile(before, (25, 75)), np.percentile(now, (25, 75))
     spread = float(low[1] - low[0])
     gain = float(np.clip((high[1] - high[0]) / spread, 0.5, 2.0)) if spread > 4.0 else 1.0
-    return np.asarray(gain * (before - low.mean()) + high.mean(), np.float32)
+    return np.asarray(np.clip(gain * (before - low.mean()) + high.mean(), 0.0, 255.0), np.float32)

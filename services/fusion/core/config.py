@@ -97,6 +97,9 @@ class MapConfig(_Part):
         gt=0,
         description="range up to which a camera explores: farther off, detectors miss most things (nine beds in ten)",
     )
+    value_range_without_depth_m: float = Field(
+        default=5.0, gt=0, description="range up to which a view without depth counts for the value map"
+    )
     explored_max_m: float = Field(default=1.2, description="rays explore only where they run below this height")
     robot_radius_m: float = Field(
         default=robot_body.RADIUS_M, ge=0, description="cells within this of where a robot stood are free"
@@ -179,6 +182,25 @@ class PointsConfig(_Part):
     )
     min_points: int = Field(default=12, ge=1, description="smaller clusters are dropped")
     min_score: float = Field(default=0.25, ge=0, le=1, description="weaker detections are dropped")
+
+
+class FootPointConfig(_Part):
+    """From a detection in a view without depth to a place on the floor."""
+
+    sigma_px: float = Field(default=3.0, ge=0, description="standard deviation of the lowest row of a mask")
+    sigma_pose_rad: float = Field(
+        default=0.009, ge=0, description="standard deviation of the direction of a calibrated camera (half a degree)"
+    )
+    max_range_m: float = Field(default=10.0, gt=0, description="things farther away are left out")
+    max_sigma_m: float = Field(
+        default=1.5, gt=0, description="... and those whose distance is more uncertain than this"
+    )
+    gate: float = Field(
+        default=2.5, gt=0, description="two things may be one if they are within this many standard deviations"
+    )
+    miss_max_sigma_m: float = Field(
+        default=0.25, ge=0, description="an object that is less certain isn't missed where a robot looks"
+    )
 
 
 class AssociationConfig(_Part):
@@ -306,6 +328,7 @@ class ObjectConfig(_Part):
     """Object map: points, association (eq. 3), confirmation and false positives."""
 
     points: PointsConfig = Field(default=PointsConfig(), description="masks to points")
+    foot_point: FootPointConfig = Field(default=FootPointConfig(), description="masks to places, without depth")
     association: AssociationConfig = Field(default=AssociationConfig(), description="detections to objects")
     confirmation: ConfirmationConfig = Field(
         default=ConfirmationConfig(), description="candidates to confirmed objects"

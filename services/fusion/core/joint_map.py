@@ -20,7 +20,7 @@ from surveilnav.services.fusion.core.maps.value import PendingLayer, ValueMap
 from surveilnav.services.fusion.core.objects.map_object import ObjectChange
 from surveilnav.services.fusion.core.objects.object_map import ObjectMap
 from surveilnav.services.fusion.core.views.invocation import same_floor
-from surveilnav.services.fusion.core.views.order import KnownFloor, ViewFootprint, floor_utilities_m2
+from surveilnav.services.fusion.core.views.order import KnownFloor, ViewFootprint, floor_utilities_m2, visible_ranges_m
 from surveilnav.services.fusion.core.views.validation import ViewError, ViewValidator, check_view
 
 _MAX_NAMES = 256  # of floors, since a robot may send any name
@@ -125,8 +125,16 @@ class JointMap:
         return result
 
     def _add_geometry(self, view: PosedView) -> _AddedGeometry:
-        """Adds a new picture to the point cloud and to the obstacle and exploration maps of its floor."""
+        """Adds a new picture to the point cloud and to the obstacle and exploration maps of its floor.
+
+        A view without depth adds nothing to them. What it shows reaches as far as the floor is free by what the maps know.
+        """
         maps = self._floor_of(view)
+        if view.depth_source == "none":
+            self._record_name(view, maps)
+            range_m = self.config.map.value_range_without_depth_m
+            footprint = ViewFootprint.from_view(view.T_world_camera, view.camera, maps.geometry.z_m, range_m)
+            return _AddedGeometry(maps, 0, visible_ranges_m(footprint, self._known_floor(maps.geometry.floor)))
         try:
             n_points, ranges_m = maps.geometry.integrate(view)
         except ValueError as error:

@@ -114,6 +114,7 @@ class ObjectRecord(msgspec.Struct, frozen=True, kw_only=True):
         sources: the sources that detected it.
         reason: why it has its status.
         points: (N, 3) float32 bytes of at most 256 of its points [m, world].
+        position_sigma_m: standard deviation of its horizontal position as long as that is only estimated; 0 if it was measured.
         seen_from: mean of the horizontal unit vectors (x, y) from the object to its observers. It is long if the object was
             seen from one side only, and (0, 0) if that is unknown or it was seen from all around.
         relevance: cosine of its embedding and that of the requested text. None if no text was requested, or if another model
@@ -140,6 +141,7 @@ class ObjectRecord(msgspec.Struct, frozen=True, kw_only=True):
     points: bytes = b""
     history: list[ObjectEvent] = []
     label_scores: dict[str, float] = {}
+    position_sigma_m: float = 0.0
     seen_from: tuple[float, float] = (0.0, 0.0)
     relevance: float | None = None
 

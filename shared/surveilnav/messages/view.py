@@ -9,7 +9,6 @@ import msgspec
 from surveilnav.geometry import Pinhole, Pose
 from surveilnav.messages.base import Message
 
-
 #: How a picture's time of capture is known: by the camera's own clock (RTCP), as the time of arrival, or by the file's time.
 CaptureClock = Literal["camera", "arrival", "file"]
 #: Where depth comes from: a sensor measured it, a network estimated it, it follows from the floor's plane, or there is none.

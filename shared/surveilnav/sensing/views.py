@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surveilnav.geometry import Matrix4, Pinhole
+from surveilnav.messages.view import DepthSource
 
 #: In steeper views detectors recognise nothing: they weren't trained on objects seen from above.
 _MAX_DOWN_RAD = math.radians(75.0)
@@ -33,6 +34,7 @@ class PosedView:
         rgb: (height, width, 3) uint8.
         depth_m: (height, width) float32 [m] along the optical axis; 0 or NaN where there is none.
         depth_range_m: (nearest, farthest) depth that the sensor measures.
+        depth_source: where the depth comes from; "none": no pixel has one.
     """
 
     source: str
@@ -46,6 +48,7 @@ class PosedView:
     rgb: NDArray[np.uint8]
     depth_m: NDArray[np.float32]
     depth_range_m: tuple[float, float]
+    depth_source: DepthSource = "sensor"
 
     @property
     def is_robot(self) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -52,6 +53,21 @@ def similarity(
     else:
         s_geo = max(forward, backward)
     return Similarity(s_vis + w_geometric * s_geo, min(forward, backward))
+
+
+def gate_distance(
+    a: Shape, covariance_a_m2: NDArray[np.float64] | None, b: Shape, covariance_b_m2: NDArray[np.float64] | None
+) -> float:
+    """How many standard deviations the gap between two things is wide, if the place of at least one is an estimate (Mahalanobis).
+
+    The gap is what separates their boxes horizontally; things that overlap have none.
+    """
+    gap_m = np.maximum(0.0, np.maximum(a.p_min - b.p_max, b.p_min - a.p_max))[:2]
+    if not gap_m.any():
+        return 0.0
+    total_m2 = sum((c for c in (covariance_a_m2, covariance_b_m2) if c is not None), np.zeros((2, 2)))
+    towards = np.sign(b.centre_m - a.centre_m)[:2] * gap_m
+    return math.sqrt(float(towards @ np.linalg.solve(total_m2, towards)))
 
 
 def is_same_place(mutual_overlap: float, config: AssociationConfig) -> bool:

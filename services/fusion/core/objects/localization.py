@@ -15,6 +15,7 @@ from surveilnav.geometry import transform_points
 from surveilnav.sensing.views import DetectedObject, PosedView, box_cells
 from surveilnav.services.fusion.core.config import ObjectConfig, PointsConfig
 from surveilnav.services.fusion.core.objects.clustering import largest_cluster
+from surveilnav.services.fusion.core.objects.foot_point import locate_by_foot
 from surveilnav.services.fusion.core.objects.shape import Shape
 
 
@@ -26,12 +27,14 @@ class LocatedDetection:
         shape: its points as voxels.
         range_m: median distance of its points from the camera.
         embedding_model: the model that made the detection's embedding.
+        covariance_m2: (2, 2) of its horizontal position if that was estimated; None if a sensor measured its depth.
     """
 
     detection: DetectedObject
     shape: Shape
     range_m: float
     embedding_model: str = ""
+    covariance_m2: NDArray[np.float64] | None = None
 
 
 def locate_all(
@@ -52,10 +55,19 @@ def locate_all(
 def locate(
     view: PosedView, detection: DetectedObject, voxel_m: float, config: ObjectConfig, embedding_model: str = ""
 ) -> LocatedDetection | None:
-    """Back-projects the mask of a detection and keeps its largest cluster; None if too few points are left."""
+    """Back-projects the mask of a detection and keeps its largest cluster; None if too few points are left.
+
+    In a view without depth the detection is located by its foot.
+    """
     c = config.points
     if detection.score < c.min_score:
         return None
+    if view.depth_source == "none":
+        standing = locate_by_foot(view, detection, view.floor_z_m, config.foot_point)
+        if standing is None:
+            return None
+        shape = Shape.from_points(standing.p_world, voxel_m, config.association.overlap_voxel_m)
+        return LocatedDetection(detection, shape, standing.range_m, embedding_model, standing.covariance_m2)
     p_camera, spacing_m = _mask_points(view, detection, c)
     if len(p_camera) < c.min_points:
         return None

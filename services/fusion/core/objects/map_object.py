@@ -36,6 +36,7 @@ _STATE = (
     "n_detections",
     "merge_pending",
     "embedding_model",
+    "covariance_m2",
 )
 
 
@@ -57,6 +58,7 @@ class MapObject:
         embedding_model: the model of those embeddings, which is that of the newest detection. Embeddings of other models
             are left out.
         seen_from_sum: sum of the horizontal unit vectors (2,) from the object towards the cameras of its detections.
+        covariance_m2: (2, 2) of its horizontal position as long as that is only estimated; None once a sensor has measured it.
         merge_pending: whether the object has changed since duplicates were last searched for.
         record: the object as a message, cached until something happens to it.
         revision: revision of the joint map at which something last happened to it.
@@ -78,6 +80,7 @@ class MapObject:
     history: deque[ObjectEvent] = field(default_factory=deque)
     merge_pending: bool = True
     embedding_model: str = ""
+    covariance_m2: NDArray[np.float64] | None = None
     record: ObjectRecord | None = None
     revision: int = 0
 
@@ -95,12 +98,18 @@ class MapObject:
             last_seen_ns=view.stamp_ns,
             history=deque(maxlen=max_history),
             embedding_model=located.embedding_model,
+            covariance_m2=located.covariance_m2,
         )
+
+    @property
+    def sigma_m(self) -> float:
+        """Standard deviation of its position along the least certain direction; 0 if a sensor has measured it."""
+        return 0.0 if self.covariance_m2 is None else math.sqrt(float(np.linalg.eigvalsh(self.covariance_m2)[-1]))
 
     def fuse(self, view: PosedView, located: LocatedDetection, max_voxels: int) -> None:
         """Adds a detection: its points, its embedding and its evidence (the paper's joint object fusion)."""
         detection = located.detection
-        self.shape = self.shape.union(located.shape, max_voxels)
+        self._place(located.shape, located.covariance_m2, view.source not in self.sources, max_voxels)
         if self._comparable(located.embedding_model, detection.embedding):
             self.embedding_sum = self.embedding_sum + detection.embedding
         else:
@@ -121,7 +130,7 @@ class MapObject:
 
     def absorb(self, other: MapObject, max_voxels: int) -> None:
         """Adds everything known of another object, which turned out to be the same thing."""
-        self.shape = self.shape.union(other.shape, max_voxels)
+        self._place(other.shape, other.covariance_m2, not other.sources <= self.sources, max_voxels)
         if self._comparable(other.embedding_model, other.embedding_sum):
             self.embedding_sum = self.embedding_sum + other.embedding_sum
         self.seen_from_sum = self.seen_from_sum + other.seen_from_sum
@@ -132,6 +141,31 @@ class MapObject:
         self.evidence.absorb(other.evidence)
         events = sorted([*self.history, *other.history], key=lambda e: e.stamp_ns)
         self.history = deque(events, maxlen=self.history.maxlen)
+
+    def _place(
+        self, shape: Shape, covariance_m2: NDArray[np.float64] | None, independent: bool, max_voxels: int
+    ) -> None:
+        """Adds the place of a detection or of another object. What a sensor measured replaces estimates, and none changes it.
+
+        Two independent estimates give their mean, weighted by their certainty. Of two by one camera, whose errors are the
+        same, the more certain one counts.
+        """
+        mine = self.covariance_m2
+        if covariance_m2 is None and mine is None:
+            self.shape = self.shape.union(shape, max_voxels)
+        elif covariance_m2 is None:
+            self.shape, self.covariance_m2 = shape, None
+        elif mine is None or shape is self.shape:
+            return
+        elif not independent:
+            if np.trace(covariance_m2) < np.trace(mine):
+                self.shape, self.covariance_m2 = shape, covariance_m2
+        else:
+            gain = mine @ np.linalg.inv(mine + covariance_m2)
+            mean_m = self.shape.centre_m[:2] + gain @ (shape.centre_m - self.shape.centre_m)[:2]
+            better = self.shape if np.trace(mine) <= np.trace(covariance_m2) else shape
+            self.shape = better.moved(mean_m - better.centre_m[:2])
+            self.covariance_m2 = mine - gain @ mine
 
     def _comparable(self, embedding_model: str, embedding: NDArray[np.float32]) -> bool:
         return embedding_model == self.embedding_model and embedding.shape == self.embedding_sum.shape

@@ -21,6 +21,7 @@ from surveilnav.services.fusion.core.objects.association import (
     Similarity,
     box_overlap,
     cosine,
+    gate_distance,
     is_same_place,
     overlaps,
     similarity,
@@ -37,19 +38,26 @@ _MAX_RECORD_POINTS = 256  # of an object, in its message
 
 
 class _IndexedObjects(dict[int, MapObject]):
-    """Objects by id, with a spatial index. An object whose shape has changed must be assigned again to update the index."""
+    """Objects by id, with a spatial index. An object whose shape has changed must be assigned again to update the index.
+
+    Attributes:
+        estimated: ids of the objects whose place is only estimated.
+    """
 
     def __init__(self) -> None:
         super().__init__()
         self.boxes = BoxIndex()
+        self.estimated: set[int] = set()
 
     def __setitem__(self, id_: int, obj: MapObject) -> None:
         super().__setitem__(id_, obj)
         self.boxes.put(id_, obj.shape)
+        (self.estimated.discard if obj.covariance_m2 is None else self.estimated.add)(id_)
 
     def __delitem__(self, id_: int) -> None:
         super().__delitem__(id_)
         self.boxes.remove(id_)
+        self.estimated.discard(id_)
 
 
 class ObjectMap:
@@ -160,6 +168,8 @@ class ObjectMap:
         c, shape, detection = self._config.association, located.shape, located.detection
         matches = []
         for obj in self._match_candidates(shape):
+            if located.covariance_m2 is not None or obj.covariance_m2 is not None:
+                continue
             comparable = located.embedding_model == obj.embedding_model
             found = similarity(shape, detection.embedding, obj.shape, obj.embedding_sum, c, comparable=comparable)
             same_place = is_same_place(found.mutual_overlap, c)
@@ -170,7 +180,24 @@ class ObjectMap:
             if not same_place and self._would_be_too_large(detection.label, shape, obj.shape):
                 continue  # a tv on a cupboard is no part of the cupboard
             matches.append((found, obj))
+        matches += self._matches_by_gate(located)
         return sorted(matches, key=lambda match: (-_match_score(match[0], c), match[1].id))
+
+    def _matches_by_gate(self, located: LocatedDetection) -> list[tuple[Similarity, MapObject]]:
+        """The objects that a detection may belong to where a place is only estimated: of the same class, and near enough."""
+        c, matches = self._config.foot_point, []
+        if located.covariance_m2 is None and not self._objects.estimated:
+            return []
+        reach_m = c.gate * (c.max_sigma_m + (0.0 if located.covariance_m2 is None else c.max_sigma_m))
+        for obj_id in self._objects.boxes.near(located.shape, reach_m):
+            obj = self._objects[obj_id]
+            if (located.covariance_m2 is None and obj.covariance_m2 is None) or obj.label != located.detection.label:
+                continue
+            distance = gate_distance(located.shape, located.covariance_m2, obj.shape, obj.covariance_m2)
+            if distance <= c.gate:
+                # the nearer, the more similar; always enough
+                matches.append((Similarity(self._config.association.tau + 1.0 - distance / c.gate, 0.0), obj))
+        return matches
 
     def _match_candidates(self, shape: Shape) -> list[MapObject]:
         """The objects that may be similar enough: those near by, unless looks alone can reach tau."""
@@ -213,7 +240,7 @@ class ObjectMap:
         """Adds negative evidence to the objects that a robot has in plain sight without a detection of them."""
         c, min_score = self._config.false_positives, self._config.points.min_score
         ahead = self._objects.boxes.in_front_of(view.T_world_camera, c.miss_max_range_m + 1.0)
-        objects = [o for o in (self._objects[i] for i in ahead) if o.id not in seen and o.status != "rejected"]
+        objects = [o for o in (self._objects[i] for i in ahead) if o.id not in seen and self._can_be_missed(o)]
         points = [o.shape.samples for o in objects]
         shares, pixels = visible_shares(view, points, c.miss_min_range_m, c.miss_max_range_m)
         for obj, share, pixel in zip(objects, shares, pixels, strict=True):
@@ -224,6 +251,10 @@ class ObjectMap:
             obj.add_miss(view)
             self._record_event(obj, view, obj.label, 0.0, "not_seen", f"{share:.0%} of its points in plain view")
             self._reassess(obj, view)
+
+    def _can_be_missed(self, obj: MapObject) -> bool:
+        """Whether a view of where an object should be says something about it."""
+        return obj.status != "rejected" and obj.sigma_m <= self._config.foot_point.miss_max_sigma_m
 
     # --- sizes ----------------------------------------------------------------------------------------------------
 
@@ -268,6 +299,9 @@ class ObjectMap:
         Neither may become too large for its class by that.
         """
         c = self._config.association
+        if a.covariance_m2 is not None or b.covariance_m2 is not None:
+            distance = gate_distance(a.shape, a.covariance_m2, b.shape, b.covariance_m2)
+            return a.label == b.label and distance <= 0.5 * self._config.foot_point.gate
         forward, backward = overlaps(a.shape, b.shape)
         if not is_same_place(min(forward, backward), c):
             comparable = a.embedding_model == b.embedding_model
@@ -359,6 +393,7 @@ class ObjectMap:
             label_scores={
                 k: v * (factor if self._size_mismatch(o, k) else 1.0) for k, v in confidences.by_class().items()
             },
+            position_sigma_m=round(o.sigma_m, 3),
             seen_from=(float(o.seen_from_sum[0]) / o.n_detections, float(o.seen_from_sum[1]) / o.n_detections),
         )
 

@@ -47,6 +47,15 @@ class Shape:
             self._samples = voxel_centres(self.keys[spread_indices(len(self.keys), _MAX_SAMPLES)], self.voxel_m)
         return self._samples
 
+    @property
+    def centre_m(self) -> NDArray[np.float64]:
+        """Centre of the box (3,) [m, world]."""
+        return (self.p_min + self.p_max) / 2
+
+    def moved(self, offset_m: NDArray[np.float64]) -> Shape:
+        """This shape at another place, moved by (dx, dy) [m]."""
+        return Shape.from_points(self.points + np.array([*offset_m, 0.0]), self.voxel_m, self.coarse_m)
+
     def union(self, other: Shape, max_voxels: int) -> Shape:
         """This shape and another together, limited to ``max_voxels``. All own voxels stay; new ones fill the room left."""
         new = other.keys[~found_in(other.keys, self.keys)]

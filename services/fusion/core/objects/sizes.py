@@ -1,4 +1,4 @@
-"""How large things of a class can be. A radiator that a detector takes for a bed isn't one, and neither is a rug."""
+"""How large things of a class can be, and how high they stand. A radiator that a detector takes for a bed isn't one."""
 
 from __future__ import annotations
 
@@ -33,14 +33,32 @@ class SizePrior(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     volume_max_m3: float = float("inf")
 
 
+class BasePrior(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """How high above the floor the lowest point of a thing is: mean and standard deviation.
+
+    By the usual heights of desks (0.72 m), worktops (0.9 m), sideboards and walls on which things of a class stand or hang.
+    """
+
+    height_m: float = 0.0
+    sigma_m: float = 0.02
+
+
 class _Priors(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Fusion's part of the library's priors on COCO's classes: bounds by class. Other classes have no bounds."""
+    """Fusion's part of the library's priors on COCO's classes. Other classes have no bounds and stand on the floor."""
 
     size: dict[str, SizePrior]
+    base: dict[str, BasePrior]
 
 
-_SIZES = COCO.priors("fusion", _Priors).size
+_PRIORS = COCO.priors("fusion", _Priors)
+_SIZES = _PRIORS.size
 _UNBOUNDED = SizePrior()
+_ON_FLOOR = BasePrior()
+
+
+def base_prior(label: str) -> BasePrior:
+    """How high things of a class stand above the floor."""
+    return _PRIORS.base.get(label, _ON_FLOOR)
 
 
 def size_mismatch(label: str, size_m: tuple[float, float, float], top_m: float) -> str:

@@ -25,6 +25,8 @@ from surveilnav.services.fusion.core.config import ViewOrderConfig
 _AZIMUTH_STEP_RAD = math.radians(3.0)
 #: A view that looks down more steeply than this sees the floor below its camera on all sides.
 _STEEP_RAD = math.radians(65.0)
+#: An obstacle nearer than this is the wall that the camera is mounted on.
+_MOUNTING_WALL_M = 0.3
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,6 +104,35 @@ def floor_utilities_m2(
         config.frontier_weight,
         config.explored_weight,
     )
+
+
+def visible_ranges_m(footprint: ViewFootprint, floor: KnownFloor | None) -> NDArray[np.float32]:
+    """The horizontal ranges that a view without depth shows, by azimuth: up to the first known obstacle.
+
+    Returns:
+        (360, 2) float32, as ``maps.projection.azimuth_ranges``: nearest and farthest distance [m] from the camera for azimuths of
+        [k, k + 1) degrees anticlockwise from the world's +x; (0, 0) where the view doesn't look.
+    """
+    f = footprint
+    out = np.zeros((360, 2), np.float32)
+    azimuths_rad = np.radians(np.arange(360) + 0.5)
+    off_axis_rad = np.abs((azimuths_rad - f.azimuth_rad + math.pi) % (2 * math.pi) - math.pi)
+    bins = np.nonzero(off_axis_rad <= f.half_width_rad)[0]
+    if f.to_m <= f.from_m:
+        return out
+    out[bins, 0], out[bins, 1] = f.from_m, f.to_m
+    if floor is None:
+        return out
+    r_m = np.arange(floor.grid.resolution_m, f.to_m, floor.grid.resolution_m)
+    directions = np.stack([np.cos(azimuths_rad[bins]), np.sin(azimuths_rad[bins])], axis=-1)
+    cells = floor.grid.cells_of(np.array([f.x_m, f.y_m]) + directions[:, None] * r_m[:, None])
+    inside = floor.grid.contains(cells)
+    row, col = np.where(inside[..., None], cells, 0).transpose(2, 0, 1)
+    blocked = inside & (floor.occupied[row, col] > 0) & (r_m > _MOUNTING_WALL_M)
+    first = np.where(blocked.any(axis=1), blocked.argmax(axis=1), len(r_m) - 1)
+    out[bins, 1] = np.where(blocked.any(axis=1), r_m[first], f.to_m)
+    out[out[:, 1] <= out[:, 0]] = 0.0
+    return out
 
 
 def highest_first(utilities_m2: NDArray[np.float64]) -> list[int]:

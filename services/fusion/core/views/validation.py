@@ -10,7 +10,7 @@ Faults of a view by itself (``check_view``):
     bad_embedding       an embedding that isn't finite, or of another length than the view's others
 
 Faults of a view beside the earlier ones of its source (``ViewValidator``):
-    no_depth            not one pixel has a depth
+    no_depth            not one pixel has a depth, although the source says that it has one
     pose_jump           farther from the previous view than the source can have moved
     time_backwards      taken before the previous view
     intrinsics_changed  other intrinsics than in the previous view
@@ -187,7 +187,7 @@ class ViewValidator:
         )
         if fault is not None and not agrees_with_doubted:
             return ValidationResult(True, fault, n_missed, is_doubted=True)
-        if not _has_depth(view.depth_m):
+        if view.depth_source != "none" and not _has_depth(view.depth_m):
             return ValidationResult(True, ViewError("no_depth", "not one pixel has a depth"), n_missed)
         return ValidationResult(True, None, n_missed)
 
