@@ -41,7 +41,7 @@ from surveilnav.sensing.packing import (
     unpack_embedding,
 )
 from surveilnav.sensing.views import PosedView, TrueInstances, ViewPerception, looks_straight_down
-from surveilnav.services.camera_node.core import ViewLabels, build_summary, merge_labels
+from surveilnav.services.camera_node.core.summary import ViewLabels, build_summary, merge_labels
 from surveilnav.simulator.render.depth_noise import DepthNoise
 from surveilnav.simulator.render.picture import Rendered
 from surveilnav.simulator.simulation import CAMERA_DEPTH_RANGE_M, SimulatedBuilding, noise_seed

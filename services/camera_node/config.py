@@ -9,11 +9,15 @@ from surveilnav.perception.names import BackendName
 
 
 class CameraSettings(BaseSettings):
-    """One simulated surveillance camera."""
+    """One surveillance camera."""
 
     model_config = SettingsConfigDict(env_prefix="SURVEILNAV_CAMERA__", extra="ignore")
 
-    id: str = Field("", description="name of a camera of the plan; empty: lease any free one")
+    file: str = Field(
+        "", description="the file of real cameras (cameras.yaml); empty: a camera of the simulated building"
+    )
+    id: str = Field("", description="name of a camera of the file or the plan; empty: lease any free one")
+    max_age_s: float = Field(5.0, gt=0, description="a real camera's picture that is older doesn't count")
     jpeg_quality: int = Field(85, ge=10, le=100, description="JPEG quality of the frames it sends")
     thumbnail_width_px: int = Field(480, ge=64, le=1280, description="width of the pictures shown to people")
     masks: str = Field(

@@ -23,8 +23,8 @@ from surveilnav.errors import BusError, PerceptionError
 from surveilnav.perception import models
 from surveilnav.perception.backend import Backend
 from surveilnav.sensing.views import looks_straight_down
-from surveilnav.services.camera_node import core
 from surveilnav.services.camera_node.config import CameraSettings
+from surveilnav.services.camera_node.core import summary
 from surveilnav.services.camera_node.result_cache import ResultCache
 from surveilnav.services.camera_node.sources.masked import hide_mask_zones
 from surveilnav.services.camera_node.sources.source import Source
@@ -82,7 +82,7 @@ class EdgePerception:
         self._cache = ResultCache(source, settings)
         #: Views from straight above are left out: no detector can read them.
         self._views = [v for v, pose in enumerate(source.views) if not looks_straight_down(pose.matrix())]
-        self._examined: dict[int, core.ViewLabels] = {}
+        self._examined: dict[int, summary.ViewLabels] = {}
         self._backend: Backend | None = None
         self._publisher = node.publisher(CAMERA_SUMMARY, floor=source.place.floor, camera=source.place.name)
         self._sent_labels: Mapping[str, float] | None = None
@@ -114,7 +114,7 @@ class EdgePerception:
     def _examine(self, now_s: float) -> None:
         """Examines one view, if there is a new one and the last one was long enough ago."""
         versions = {v: version for v in self._views if (version := self._source.version(v)) is not None}
-        if core.next_view_to_examine(self._examined, versions) is None:
+        if summary.next_view_to_examine(self._examined, versions) is None:
             if now_s - self._examined_s > _UNLOAD_AFTER_S:
                 self._backend = None
             return
@@ -138,14 +138,14 @@ class EdgePerception:
 
     def _next_uncached_view(self, versions: Mapping[int, int], recipe: str) -> int | None:
         """The next view that must be examined. Labels that an earlier run found in the same picture are taken from the cache."""
-        while (view := core.next_view_to_examine(self._examined, versions)) is not None:
+        while (view := summary.next_view_to_examine(self._examined, versions)) is not None:
             labels = self._cache.get(self._cache.key_for(view, recipe), _parse_labels)
             if labels is None:
                 return view
-            self._examined[view] = core.ViewLabels(versions[view], labels)
+            self._examined[view] = summary.ViewLabels(versions[view], labels)
         return None
 
-    def _perceive(self, backend: Backend, view: int, recipe: str) -> core.ViewLabels:
+    def _perceive(self, backend: Backend, view: int, recipe: str) -> summary.ViewLabels:
         cache_key = self._cache.key_for(view, recipe)
         picture = self._source.latest(view)
         truth = picture.truth if backend.needs_truth else None  # a real backend is never given the truth
@@ -156,19 +156,19 @@ class EdgePerception:
             labels[found.label] = max(float(found.confidence), labels.get(found.label, 0.0))
         if not backend.needs_truth:  # the results of oracle and simulated depend on more than the picture
             self._cache.put(cache_key, view, recipe, [msgspec.json.encode(labels)])
-        return core.ViewLabels(picture.version, labels)
+        return summary.ViewLabels(picture.version, labels)
 
     def _publish(self, now_s: float) -> None:
         """Publishes the summary when it is due; nothing before the first view was examined."""
         if not self._examined:
             return
-        labels = core.merge_labels(self._examined)
+        labels = summary.merge_labels(self._examined)
         assert CAMERA_SUMMARY.rate_hz is not None
         period_s = 1.0 / CAMERA_SUMMARY.rate_hz
-        if core.summary_due(now_s - self._sent_s, news=labels != self._sent_labels, period_s=period_s):
+        if summary.summary_due(now_s - self._sent_s, news=labels != self._sent_labels, period_s=period_s):
             self._sent_labels, self._sent_s = labels, now_s
             place = self._source.place
-            self._publisher.put(core.build_summary(place.name, place.floor, labels, stamp_ns=clock_ns()))
+            self._publisher.put(summary.build_summary(place.name, place.floor, labels, stamp_ns=clock_ns()))
 
 
 def _parse_labels(parts: Sequence[bytes]) -> dict[str, float]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import cv2
 import msgspec
 
-from surveilnav.messages import PayloadPart
+from surveilnav.messages import CaptureClock, DepthSource, PayloadPart
 from surveilnav.sensing.packing import encode_jpeg, encode_rgbd
 from surveilnav.services.camera_node.config import CameraSettings
 from surveilnav.services.camera_node.result_cache import ResultCache
@@ -19,12 +19,18 @@ _THUMBNAIL_QUALITY = 80
 
 @dataclass(frozen=True, slots=True)
 class EncodedFrame:
-    """One version of a view: ``payload`` is the encoded colour, then depth, as ``image`` and ``depth`` describe them."""
+    """One version of a view: ``payload`` is the encoded colour, then depth, as ``image`` and ``depth`` describe them.
+
+    ``captured_ns``, ``clock`` and ``depth_source`` are those of its ``Picture``.
+    """
 
     version: int
     payload: bytes
     image: PayloadPart
     depth: PayloadPart
+    captured_ns: int = 0
+    clock: CaptureClock = "arrival"
+    depth_source: DepthSource = "sensor"
 
 
 class FrameEncoder:
@@ -50,7 +56,9 @@ class FrameEncoder:
             picture.rgb, picture.depth_m, depth_range_m=self._source.depth_range_m, jpeg_quality=self._jpeg_quality
         )
         self._cache.put(cache_key, view, self._recipe, [payload, msgspec.msgpack.encode((image, depth))])
-        return EncodedFrame(picture.version, payload, image, depth)
+        return EncodedFrame(
+            picture.version, payload, image, depth, picture.captured_ns, picture.clock, picture.depth_source
+        )
 
     def thumbnail(self, view: int, width_px: int) -> bytes:
         """A JPEG of the given width of a view that has a picture, in the picture's aspect ratio."""

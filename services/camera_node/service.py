@@ -7,10 +7,11 @@ from typing import Any
 
 from surveilnav.bus import Answer, Node, Refused, Request, clock_ns
 from surveilnav.contract import CAMERA_FRAME, CAMERA_INFO, CAMERA_REQUEST, TRUTH
-from surveilnav.messages import Ack, CameraInfo, CameraViewInfo, FrameHeader
+from surveilnav.messages import Ack
 from surveilnav.sensing.truth import truth_to_wire
-from surveilnav.services.camera_node import core
+from surveilnav.services.camera_node import messages
 from surveilnav.services.camera_node.config import CameraSettings
+from surveilnav.services.camera_node.core import sending
 from surveilnav.services.camera_node.frames import FrameEncoder
 from surveilnav.services.camera_node.sources.masked import MaskedSource, hide_mask_zones
 from surveilnav.services.camera_node.sources.source import Source
@@ -36,24 +37,30 @@ class CameraService:
         self._frames = {v: node.publisher(CAMERA_FRAME, **ids, view=v) for v in views}
         self._truths = {v: node.publisher(TRUTH, source=f"camera-{place.name}", view=v) for v in views}
         self._encoder = FrameEncoder(source, settings)
-        self._send_state = core.SendState()
+        self._send_state = sending.SendState()
         self._requested: set[int] = set()
         self._lock = threading.Lock()
         self.sending = False
         self.paused = False
         self._seq = dict.fromkeys(views, 0)
-        node.serve(CAMERA_INFO, lambda _: Answer(self._info()), **ids)
+        node.serve(
+            CAMERA_INFO,
+            lambda _: Answer(messages.camera_info(self._source, paused=self.paused, now_ns=clock_ns())),
+            **ids,
+        )
         node.serve(CAMERA_REQUEST, self._on_request, **ids)
         self._infos = node.publisher(CAMERA_INFO, **ids)
-        self._infos.put(self._info())
+        self._announce()
 
     def step(self) -> bool:
         """One turn of the loop: sends the views that are due. True if there were any."""
+        if self._source.stream.state != self._announced:
+            self._announce()
         matched = {v for v, publisher in self._frames.items() if publisher.matched}
         with self._lock:
             requested, self._requested = self._requested, set()
         versions = {v: version for v in self._frames if (version := self._source.version(v)) is not None}
-        self._send_state, due = core.views_to_send(
+        self._send_state, due = sending.views_to_send(
             self._send_state, versions=versions, matched=matched, requested=requested, paused=self.paused
         )
         self.sending = bool(due)
@@ -68,20 +75,7 @@ class CameraService:
         frame = self._encoder.newest(view)
         self._seq[view] += 1
         self._send_truth(view, frame.version)
-        source, place = self._source, self._source.place
-        header = FrameHeader(
-            stamp_ns=clock_ns(),
-            source=self._name,
-            view=view,
-            seq=self._seq[view],
-            floor=place.floor,
-            T_world_camera=source.views[view],
-            camera=source.intrinsics,
-            mounting_offset_m=place.mounting_offset_m,
-            depth_range_m=source.depth_range_m,
-            image=frame.image,
-            depth=frame.depth,
-        )
+        header = messages.frame_header(self._source, view, self._seq[view], frame, now_ns=clock_ns())
         self._frames[view].put(header, frame.payload)
 
     def _send_truth(self, view: int, version: int) -> None:
@@ -94,18 +88,11 @@ class CameraService:
         truth = truth_to_wire(picture.truth, source=self._name, view=view, seq=self._seq[view], stamp_ns=clock_ns())
         self._truths[view].put(*truth)
 
-    def _info(self) -> CameraInfo:
-        source, place = self._source, self._source.place
-        return CameraInfo(
-            stamp_ns=clock_ns(),
-            camera=place.name,
-            floor=place.floor,
-            position_m=place.position_m,
-            mounting_offset_m=place.mounting_offset_m,
-            intrinsics=source.intrinsics,
-            views=[CameraViewInfo(v, pose) for v, pose in enumerate(source.views)],
-            paused=self.paused,
-        )
+    def _announce(self) -> None:
+        """Publishes the description of the camera, which also says what its stream is doing."""
+        info = messages.camera_info(self._source, paused=self.paused, now_ns=clock_ns())
+        self._announced = info.stream.state
+        self._infos.put(info)
 
     def _on_request(self, request: Request) -> Answer:
         action, views = request.message.action, request.message.views
@@ -127,11 +114,11 @@ class CameraService:
         if paused != self.paused:
             self.paused = paused
             self._node.log.warning("paused" if paused else "resumed")
-            self._infos.put(self._info())
+            self._announce()
             self._node.wake.set()
         return Answer(Ack(stamp_ns=clock_ns(), message="paused" if paused else "looking"))
 
     def _thumbnail(self, view: int, width_px: int) -> bytes:
         if self._source.version(view) is None:
             raise Refused("busy", f"view {view} has no picture yet: ask again later")
-        return self._encoder.thumbnail(view, core.thumbnail_width_px(width_px, self._settings.thumbnail_width_px))
+        return self._encoder.thumbnail(view, sending.thumbnail_width_px(width_px, self._settings.thumbnail_width_px))

@@ -162,14 +162,14 @@ CAMERA_REQUEST = Stream(
 )
 CAMERA_SLOT = Stream(
     "camera_slot",
-    "{building}/camera_slot/{slot}",
+    "{building}/camera_slot/{camera}",
     m.Ack,
     "camera_node",
     "query",
     None,
     2_000,
     "control",
-    "who holds a slot of the camera plan answers; the others look for a free one",
+    "who has taken a camera answers; processes without one look for a camera that nobody has",
     request=m.SlotClaim,
     allows_wildcard=True,
 )

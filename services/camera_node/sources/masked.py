@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surveilnav.geometry.polygon import pixels_in
+from surveilnav.messages import StreamStatus
 from surveilnav.services.camera_node.config import CameraSettings
 from surveilnav.services.camera_node.sources.source import Picture, Source
 from surveilnav.services.camera_node.zones import Zones, read_zones
@@ -34,7 +35,13 @@ class MaskedSource:
         self._source, self.zones = source, zones
         self.place, self.views = source.place, source.views
         self.intrinsics, self.depth_range_m = source.intrinsics, source.depth_range_m
+        self.tier = source.tier
         self._masks: dict[tuple[int, int, int], NDArray[np.bool_]] = {}
+
+    @property
+    def stream(self) -> StreamStatus:
+        """What the source's stream is doing."""
+        return self._source.stream
 
     def version(self, view: int) -> int | None:
         """The version of the unmasked picture: zones don't change while the camera runs."""

@@ -4,24 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from surveilnav.geometry import Pinhole, Pose
-from surveilnav.messages import CaptureClock, DepthSource
+from surveilnav.messages import CaptureClock, DepthSource, StreamStatus
 from surveilnav.sensing.views import TrueInstances
 
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where a camera is mounted: at ``position_m`` (x, y, z) in the world, ``mounting_offset_m`` above its floor."""
+    """Where a camera is mounted: at ``position_m`` (x, y, z) in the world, ``mounting_offset_m`` above its floor.
+
+    ``label`` is its name for people; empty: as ``name``.
+    """
 
     name: str
     floor: str
     position_m: tuple[float, float, float]
     mounting_offset_m: float
+    label: str = ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,12 +59,19 @@ class Source(Protocol):
         views: ``T_world_camera`` of each view; a fixed camera has one.
         intrinsics: of every view, for colour and depth alike.
         depth_range_m: (nearest, farthest) depth that it measures.
+        tier: whether its pictures have depth.
     """
 
     place: Place
     views: Sequence[Pose]
     intrinsics: Pinhole
     depth_range_m: tuple[float, float]
+    tier: Literal["jpeg+depth", "jpeg"]
+
+    @property
+    def stream(self) -> StreamStatus:
+        """What the stream of its pictures is doing."""
+        ...
 
     def version(self, view: int) -> int | None:
         """The version of a view's latest picture, without making the picture; None if there is none yet."""

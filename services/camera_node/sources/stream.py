@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,10 +14,11 @@ from numpy.typing import NDArray
 from surveilnav.cameras_file import CameraEntry
 from surveilnav.cameras_file.views import views_of
 from surveilnav.geometry.polygon import pixels_in
-from surveilnav.services.camera_node.sources.change import ChangeDetector
+from surveilnav.messages import StreamStatus
+from surveilnav.services.camera_node.core.change import ChangeDetector
+from surveilnav.services.camera_node.core.stream_health import FrameStatistics, StreamHealth
 from surveilnav.services.camera_node.sources.readers.reader import CapturedFrame, FrameReader, StreamError
 from surveilnav.services.camera_node.sources.source import Picture, Place
-from surveilnav.services.camera_node.stream_health import FrameStatistics, StreamHealth
 
 #: A picture is sent anew after this time even if nothing has changed, so that others know that the camera still sees.
 REFRESH_S = 600.0
@@ -40,6 +42,7 @@ class StreamSource:
     """
 
     depth_range_m = (0.1, 100.0)
+    tier: Literal["jpeg"] = "jpeg"
 
     def __init__(
         self,
@@ -50,7 +53,7 @@ class StreamSource:
         log: Callable[[str], None] = lambda _: None,
     ) -> None:
         made = views_of(entry)
-        self.place = Place(entry.name, entry.floor, entry.position_m, entry.position_m[2] - floor_z_m)
+        self.place = Place(entry.name, entry.floor, entry.position_m, entry.position_m[2] - floor_z_m, entry.label)
         self.views, self.intrinsics, self._undistortions = made.poses, made.intrinsics, made.undistortions
         self._make_reader, self._max_age_s, self._log = make_reader, max_age_s, log
         self._size_px = entry.lens.width_px, entry.lens.height_px
@@ -81,6 +84,13 @@ class StreamSource:
             self._watching.join(2.0)
         if self._reading is not None:
             self._reading.join(2.0)
+
+    @property
+    def stream(self) -> StreamStatus:
+        """What the stream is doing."""
+        health = self.health
+        since_ns = time.time_ns() - int((time.monotonic() - health.since_s) * 1e9)
+        return StreamStatus(health.state, health.reason, since_ns, health.n_reconnects)
 
     @property
     def health(self) -> StreamHealth:

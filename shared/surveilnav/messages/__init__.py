@@ -3,7 +3,15 @@
 Each message has ``stamp_ns``, the time of its sender's clock in nanoseconds since the epoch (simulated time in a benchmark).
 """
 
-from surveilnav.messages.camera import CameraInfo, CameraRequest, CameraSummary, CameraViewInfo, SlotClaim
+from surveilnav.messages.camera import (
+    CameraInfo,
+    CameraRequest,
+    CameraSummary,
+    CameraViewInfo,
+    SlotClaim,
+    StreamState,
+    StreamStatus,
+)
 from surveilnav.messages.maps import (
     LAYERS,
     CameraUse,
@@ -102,6 +110,8 @@ __all__ = [
     "ServiceList",
     "ServiceState",
     "SlotClaim",
+    "StreamState",
+    "StreamStatus",
     "Stair",
     "TextReply",
     "TrafficReport",

@@ -9,6 +9,24 @@ import msgspec
 from surveilnav.geometry import Pinhole, Pose
 from surveilnav.messages.base import Message
 
+#: What a camera's stream is doing (``services/camera_node/core/stream_health.py`` defines each state).
+StreamState = Literal["connecting", "live", "no_frames", "frozen", "black", "grey", "garbled", "failed"]
+
+
+class StreamStatus(msgspec.Struct, frozen=True):
+    """What a camera's stream is doing.
+
+    Attributes:
+        reason: details, for people; it never holds an address.
+        since_ns: when the state began; 0: always.
+        n_reconnects: how often the stream was opened anew.
+    """
+
+    state: StreamState = "live"
+    reason: str = ""
+    since_ns: int = 0
+    n_reconnects: int = 0
+
 
 class CameraViewInfo(msgspec.Struct, frozen=True):
     """One of the directions that a camera looks in."""
@@ -25,6 +43,8 @@ class CameraInfo(Message, frozen=True, kw_only=True):
         mounting_offset_m: height above the floor, the paper's delta z^c.
         intrinsics: of all views, for colour and depth.
         tier: what it delivers.
+        label: its name for people; empty: as ``camera``.
+        stream: what its stream is doing.
         paused: a person has paused it: it sends nothing, whoever listens.
     """
 
@@ -34,7 +54,9 @@ class CameraInfo(Message, frozen=True, kw_only=True):
     mounting_offset_m: float
     intrinsics: Pinhole
     views: list[CameraViewInfo]
-    tier: Literal["jpeg+depth"] = "jpeg+depth"
+    tier: Literal["jpeg+depth", "jpeg"] = "jpeg+depth"
+    label: str = ""
+    stream: StreamStatus = StreamStatus()
     paused: bool = False
 
 
@@ -61,6 +83,6 @@ class CameraRequest(Message, frozen=True, kw_only=True):
 
 
 class SlotClaim(Message, frozen=True, kw_only=True):
-    """Asks who holds a slot of the camera plan. ``node``: the random id of the process that looks for a free one."""
+    """Asks which process has taken a camera. ``node``: the random id of the process that looks for a free one."""
 
     node: str

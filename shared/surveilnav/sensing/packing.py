@@ -101,6 +101,7 @@ def decode_frame(header: FrameHeader, payload: bytes) -> PosedView:
         rgb=rgb,
         depth_m=depth_m,
         depth_range_m=header.depth_range_m,
+        depth_source=header.depth_source,
     )
 
 

@@ -108,9 +108,8 @@ def _slab(
     face = p_camera + rays * scale[:, None]
     face = face[(towards > 1e-6) & (face[:, 2] >= foot[2] - 0.05) & (face[:, 2] <= foot[2] + 2.5)]
     if not len(face):
-        return face
+        return np.empty((0, 3))
     across = face[:, :2] @ np.array([-ahead[1], ahead[0]])
     thickness_m = min(_MAX_THICKNESS_M, 0.5 * float(across.max() - across.min()))
     back = np.array([*ahead, 0.0])
-    layers = [face + back * d for d in np.arange(0.0, thickness_m + 1e-9, 0.05)]
-    return np.concatenate(layers)
+    return np.concatenate([face + back * d for d in np.arange(0.0, thickness_m + 1e-9, 0.05)])

@@ -50,7 +50,8 @@ class Shape:
     @property
     def centre_m(self) -> NDArray[np.float64]:
         """Centre of the box (3,) [m, world]."""
-        return (self.p_min + self.p_max) / 2
+        centre_m: NDArray[np.float64] = (self.p_min + self.p_max) / 2
+        return centre_m
 
     def moved(self, offset_m: NDArray[np.float64]) -> Shape:
         """This shape at another place, moved by (dx, dy) [m]."""

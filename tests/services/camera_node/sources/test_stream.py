@@ -136,7 +136,7 @@ def test_old_pictures_are_no_new_ones(start) -> None:  # type: ignore[no-untyped
 
 
 def test_a_reader_that_hangs_harms_nobody(start, monkeypatch) -> None:  # type: ignore[no-untyped-def]
-    from surveilnav.services.camera_node import stream_health
+    from surveilnav.services.camera_node.core import stream_health
 
     monkeypatch.setattr(stream_health, "NO_FRAMES_S", 0.5)
     source = start([streams.room(1), "hang"], [streams.room(2)])
