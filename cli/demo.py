@@ -42,8 +42,6 @@ _CLOSED_S = 15.0
 
 @dataclass(frozen=True)
 class DemoOptions:
-    """What ``surveilnav demo`` was asked for."""
-
     building: str
     seed: int
     target: str

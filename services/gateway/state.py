@@ -126,5 +126,4 @@ class BuildingState:
                 known.clear()
 
     def alive(self, kind: str) -> bool:
-        """Whether any node of the kind is alive."""
         return bool(self.node.alive(kind))

@@ -111,7 +111,6 @@ class _Lines:
         self._material = self._group = 0
 
     def read_line(self, line: str) -> None:
-        """Reads the next line of the file."""
         head, rest = _split(line)
         if head == "v":
             self._vertex(rest, line)

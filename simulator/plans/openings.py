@@ -68,7 +68,6 @@ def is_moving_part(group: str) -> bool:
 
 
 def is_pane(group: str) -> bool:
-    """Whether a group is glass."""
     return bool(_PANE.search(group))
 
 

@@ -47,8 +47,6 @@ class IntegrationResult:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _FloorMaps:
-    """The maps of one floor."""
-
     geometry: FloorMap
     value: ValueMap
     objects: ObjectMap
@@ -218,7 +216,6 @@ class JointMap:
         return geometry.grid, maps.value.layer(geometry.grid, text_embedding, embedding_model)
 
     def knows(self, floor: str) -> bool:
-        """Whether there is a map of a floor."""
         return self._name_of.get(floor, floor) in self._floors
 
     def pending_value(
@@ -367,7 +364,6 @@ class JointMap:
 
     @classmethod
     def from_state(cls, state: dict[str, Any], config: FusionConfig) -> JointMap:
-        """The joint maps that ``state`` describes."""
         joint = cls(config)
         joint.revision, joint._name_of = state["revision"], dict(state["name_of"])
         joint.validator = ViewValidator.from_state(state["validator"], config.validation)

@@ -56,7 +56,6 @@ class Received(Generic[M]):
 
     @property
     def age_s(self) -> float:
-        """Seconds since it arrived."""
         return (clock_ns() - self.received_ns) / 1e9
 
 

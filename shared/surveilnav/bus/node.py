@@ -148,7 +148,6 @@ class Node:
         return self._connection.key(stream, **ids)
 
     def publisher(self, stream: Stream, **ids: object) -> Publisher:
-        """Publishes messages on one key."""
         return Publisher(self._connection, stream, self.key(stream, **ids))
 
     def latest(self, stream: Stream, **ids: object) -> LatestMessage[Any]:

@@ -47,7 +47,6 @@ class Publisher:
         self._connection.traffic.count(self.key, "offered", len(header) + len(payload) + len(self.key))
 
     def close(self) -> None:
-        """Withdraws the publisher."""
         self._publisher.undeclare()  # type: ignore[no-untyped-call]
 
 
@@ -64,7 +63,6 @@ class LatestMessage(Generic[M]):
         return None if sample is None else self._connection.decode(self._stream, sample)
 
     def close(self) -> None:
-        """Stops listening."""
         self._subscriber.undeclare()  # type: ignore[no-untyped-call]
 
 
@@ -81,7 +79,6 @@ class Subscription(Generic[M]):
         self._subscriber = connection.session.declare_subscriber(key, on_sample)
 
     def close(self) -> None:
-        """Stops listening."""
         self._subscriber.undeclare()  # type: ignore[no-untyped-call]
 
 
@@ -155,5 +152,4 @@ class Table(Generic[M]):
             self._rows = {}
 
     def close(self) -> None:
-        """Stops listening."""
         self._subscriber.undeclare()  # type: ignore[no-untyped-call]

@@ -170,7 +170,6 @@ class VoxelCloud:
 
     @classmethod
     def from_state(cls, state: dict[str, Any], config: MapConfig) -> VoxelCloud:
-        """The cloud that ``state`` describes, with the same ``config``."""
         cloud = cls(config)
         cloud._n = len(state["voxels"]["key"])
         cloud._voxels = np.zeros(max(len(cloud._voxels), cloud._n), VOXEL)
@@ -217,7 +216,6 @@ class VoxelCloud:
         self._rebuild_index()
 
     def _rebuild_index(self) -> None:
-        """Builds the index from the voxels."""
         self._index = voxels.new_index(1 << 10)
         for start in range(0, self._n, 1 << 16):
             stop = min(start + (1 << 16), self._n)

@@ -192,7 +192,6 @@ class ValueMap:
 
     @classmethod
     def from_state(cls, state: dict[str, Any], config: ValueConfig) -> ValueMap:
-        """The value map that ``state`` describes."""
         value = cls(config)
         value._newest_ns = state["newest_ns"]
         for source, view, seq, seen in state["views"]:

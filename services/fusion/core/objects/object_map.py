@@ -126,7 +126,6 @@ class ObjectMap:
     def from_state(
         cls, state: dict[str, Any], floor: str, floor_z_m: float, voxel_m: float, config: ObjectConfig
     ) -> ObjectMap:
-        """The object map that ``state`` describes."""
         objects = cls(floor, floor_z_m, voxel_m, config)
         objects._next_id, objects._views = state["next_id"], state["views"]
         for of_object in state["objects"]:

@@ -266,7 +266,6 @@ class ViewValidator:
 
     @classmethod
     def from_state(cls, state: dict[str, Any], config: ValidationConfig) -> ViewValidator:
-        """The validator that ``state`` describes."""
         validator = cls(config)
         words = [tuple(row) for row in state["words"]]
         validator._last, validator._doubted = (

@@ -72,7 +72,6 @@ class MissionState:
         return replace(self, floors=floors, changes=list(self.changes))
 
     def to_json(self) -> bytes:
-        """The state as JSON."""
         return msgspec.json.encode(self)
 
     @classmethod
@@ -252,7 +251,6 @@ class MissionState:
         self.turns_at_frontier += 1
 
     def record_scan_turn(self) -> None:
-        """Records a turn of the initial scan."""
         assert self.here.scan_turns_left is not None
         self.here.scan_turns_left -= 1
         self.reset_stuck_timer()

@@ -36,7 +36,6 @@ class WordLengthCheck:
         self._answers: dict[str, str] = {}
 
     def refusal(self, word: str) -> str:
-        """See ``ChecksWords.refusal``."""
         with self._lock:
             if word not in self._answers:
                 if len(self._answers) >= _MAX_CACHED:
