@@ -21,9 +21,9 @@ from surveilnav.services.planner.core.goals.unchosen_objects import unchosen_obj
 from surveilnav.services.planner.core.inputs import FloorMaps, RobotView
 from surveilnav.services.planner.core.memory.mission_state import MissionState
 from surveilnav.services.planner.core.motion.drive import FmmPlanner, LocalPlanner
-from surveilnav.services.planner.core.stages.confirmed_target import leave_outdone_object
 from surveilnav.services.planner.core.stages.initial_scan import initial_scan
 from surveilnav.services.planner.core.stages.last_resort import accept_when_steps_run_out
+from surveilnav.services.planner.core.stages.objects import leave_outdone_object
 from surveilnav.services.planner.core.stages.rounds import first_decision
 
 _FMM = FmmPlanner()
