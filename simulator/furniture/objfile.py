@@ -63,7 +63,6 @@ def read_obj(data: bytes, name: str = "model") -> ObjModel:
     """Parses an OBJ file.
 
     Args:
-        data: the file's bytes.
         name: for messages.
 
     Raises:

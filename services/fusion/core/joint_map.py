@@ -35,7 +35,6 @@ class IntegrationResult:
         revision: revision of the joint map after the view.
         n_points: number of its points in the cloud.
         n_located: number of its detections that could be located in the world.
-        changes: events of objects.
     """
 
     floor: str

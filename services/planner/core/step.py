@@ -48,7 +48,6 @@ def step(
         state: what the mission remembers; not changed.
         maps: the joint maps of the robot's floor, with the robot's observation ``robot.seq`` integrated.
         robot: the robot at that observation.
-        config: the core's settings.
         planner: drives to goal cells.
         summaries: by floor, label -> highest confidence that the cameras of that floor last reported.
         rule: chooses the frontier to explore.

@@ -63,8 +63,6 @@ class VoxelCloud:
             p_world: (N, 3) points [m, world].
             colours: (N, 3) uint8.
             p_camera: (3,) position of the camera [m, world].
-            source: whose view it is.
-            stamp_ns: when it was taken.
 
         Returns:
             The numbers of new voxels, and of carved voxels that are restored.

@@ -43,9 +43,7 @@ class FloorMap:
     it doesn't depend on where the map began either.
 
     Attributes:
-        floor: the floor's id.
         z_m: altitude of its surface [m, world].
-        cloud: the joint point cloud.
         revision: revision of the joint map at which this floor last changed.
     """
 
