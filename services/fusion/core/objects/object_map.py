@@ -100,11 +100,6 @@ class ObjectMap:
             self._merge_duplicates(view)
         self._remove_weakest()
 
-    @property
-    def shape_bytes(self) -> int:
-        """Memory that the voxels of all objects take."""
-        return sum(o.shape.keys.nbytes + o.shape.coarse.nbytes for o in self._objects.values())
-
     def size_mismatch(self, object_id: int, label: str) -> str:
         """Why an object can't be of a class by its size, in words for people; empty if it can. KeyError: no such object."""
         return self._size_mismatch(self._objects[object_id], label)
