@@ -25,7 +25,6 @@ class LocatedDetection:
     Attributes:
         shape: its points as voxels.
         range_m: median distance of its points from the camera.
-        embedding_model: the model that made the detection's embedding.
     """
 
     detection: DetectedObject
