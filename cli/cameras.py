@@ -6,29 +6,32 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from surveilnav.cli.completing import camera_ids, known
 from surveilnav.cli.listing import Column, listing
-from surveilnav.cli.options import DEFAULT_URL, AsJson, Url, gateway, items, only_before_nothing, print_json, results
+from surveilnav.cli.options import (
+    DEFAULT_URL,
+    AsJson,
+    Url,
+    gateway,
+    items,
+    only_before_nothing,
+    print_json,
+    put,
+    results,
+)
 from surveilnav.cli.words import clock
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from surveilnav.client import Client
     from surveilnav.rest import Camera
 
 app = typer.Typer(invoke_without_command=True, help="List cameras; pause, resume or remove one; delete past pictures.")
 
 
-def _ids(ctx: typer.Context, incomplete: str) -> list[str]:
-    """For the shell: cameras that begin so; none if no gateway answers."""
-    from surveilnav.cli.completing import camera_ids
-
-    return camera_ids(ctx, incomplete)
-
-
 Id = Annotated[
     str,
-    typer.Argument(metavar="ID", autocompletion=_ids, help="A camera's id, or its beginning if that is unique."),
+    typer.Argument(metavar="ID", autocompletion=camera_ids, help="A camera's id, or its beginning if that is unique."),
 ]
 
 
@@ -40,36 +43,31 @@ def list_all(ctx: typer.Context, url: Url = DEFAULT_URL, as_json: AsJson = False
         return
     with gateway(url) as asked:
         found = asked.cameras()
-    if as_json:
-        print_json(items(found))
-    else:
-        show_cameras(found, results)
+    put(items(found), as_json, lambda: show_cameras(found, results))
 
 
 @app.command()
 def pause(id: Id, url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
     """Pause a camera: it sends no pictures, whoever asks, and detects nothing."""
     with gateway(url) as asked:
-        _changed(asked.pause_camera(_known(asked, id)), as_json)
+        _changed(asked.pause_camera(known(asked, "camera", id)), as_json)
 
 
 @app.command()
 def resume(id: Id, url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
     """Resume a paused camera."""
     with gateway(url) as asked:
-        _changed(asked.resume_camera(_known(asked, id)), as_json)
+        _changed(asked.resume_camera(known(asked, "camera", id)), as_json)
 
 
 @app.command()
 def forget(id: Id, url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
     """Remove a camera whose process has ended from the list."""
     with gateway(url) as asked:
-        id = _known(asked, id)
+        id = known(asked, "camera", id)
         asked.remove_camera(id)
-    if as_json:
-        print_json({"id": id, "forgotten": True})
-    else:
-        results.print(f"{id}: forgotten, until it announces itself again", markup=False)
+    told = f"{id}: forgotten, until it announces itself again"
+    put({"id": id, "forgotten": True}, as_json, lambda: results.print(told, markup=False))
 
 
 @app.command("delete-pictures")
@@ -79,23 +77,14 @@ def delete_pictures(url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
         keepers = asked.forget_pictures()
     if as_json:
         print_json(items(keepers))
-    else:
-        for keeper in keepers:
-            results.print(f"{keeper.keeper}: {keeper.message}", markup=False)
-
-
-def _known(asked: Client, typed: str) -> str:
-    """The id that was meant: as typed, or the only one that begins so."""
-    from surveilnav.cli.completing import meant
-
-    return meant("camera", typed, [camera.id for camera in asked.cameras()])
+        return
+    for keeper in keepers:
+        results.print(f"{keeper.keeper}: {keeper.message}", markup=False)
 
 
 def _changed(camera: Camera, as_json: bool) -> None:
-    if as_json:
-        print_json(camera)
-    else:
-        results.print(f"{camera.id}: {'paused' if camera.paused else 'looks again'}", markup=False)
+    told = f"{camera.id}: {'paused' if camera.paused else 'looks again'}"
+    put(camera, as_json, lambda: results.print(told, markup=False))
 
 
 def state_of(camera: Camera) -> tuple[str, str]:
@@ -113,27 +102,12 @@ def show_cameras(found: list[Camera], console: Console) -> None:
         console.print("no camera has announced itself; see `surveilnav status`")
         return
     columns = (
-        Column("id", "id"),
-        Column("floor", "id"),
-        Column("at x, y [m]", "number"),
-        Column("state"),
-        Column("views", "number"),
-        Column("last heard of", "number"),
-        Column("saw", "note"),
+        Column("id", lambda c: c.id, "id"),
+        Column("floor", lambda c: c.floor, "id"),
+        Column("at x, y [m]", lambda c: f"{c.position_m[0]:.1f}, {c.position_m[1]:.1f}", "number"),
+        Column("state", state_of),
+        Column("views", lambda c: f"{c.views_processed}/{len(c.views)}", "number"),
+        Column("last heard of", lambda c: clock(c.last_seen), "number"),
+        Column("saw", lambda c: ", ".join(f"{k} {v:.2f}" for k, v in c.labels.items() if v is not None), "note"),
     )
-    listing(
-        console,
-        columns,
-        [
-            [
-                c.id,
-                c.floor,
-                f"{c.position_m[0]:.1f}, {c.position_m[1]:.1f}",
-                state_of(c),
-                f"{c.views_processed}/{len(c.views)}",
-                clock(c.last_seen),
-                ", ".join(f"{label} {chance:.2f}" for label, chance in c.labels.items() if chance is not None),
-            ]
-            for c in found
-        ],
-    )
+    listing(console, columns, found)

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import typer
+
+if TYPE_CHECKING:
+    from surveilnav.client import Client
 
 #: The shell waits for no gateway longer than this.
 _PATIENCE_S = 1.0
@@ -12,8 +16,8 @@ _PATIENCE_S = 1.0
 _SHOWN = 5
 
 
-def meant(what: str, typed: str, ids: Sequence[str]) -> str:
-    """The one of ``ids`` that is ``typed``, or the only one that begins so.
+def known(asked: Client, what: str, typed: str) -> str:
+    """The id that was meant: as typed, or the only one that begins so.
 
     Args:
         what: "mission" or "camera", whose list is the command's plural.
@@ -23,6 +27,7 @@ def meant(what: str, typed: str, ids: Sequence[str]) -> str:
     """
     from surveilnav.errors import GatewayError
 
+    ids: list[str] = [row.id for row in getattr(asked, f"{what}s")()]
     if typed in ids:
         return typed
     fitting = [id for id in ids if id.startswith(typed)]
@@ -58,10 +63,6 @@ def _offered(ctx: typer.Context, what: str, incomplete: str) -> list[str]:
 
     try:
         with Client(ctx.params["url"], timeout_s=_PATIENCE_S) as asked:
-            return list(_beginning((row.id for row in getattr(asked, what)()), incomplete))
+            return [row.id for row in getattr(asked, what)() if row.id.startswith(incomplete)]
     except GatewayError:
         return []
-
-
-def _beginning(ids: Iterable[str], incomplete: str) -> Iterable[str]:
-    return (id for id in ids if id.startswith(incomplete))

@@ -23,8 +23,9 @@ from surveilnav.cli.expired_runs import remove_expired_runs
 from surveilnav.cli.map_watch import MapWatch
 from surveilnav.cli.progress import bar
 from surveilnav.cli.recorder import Recorder
-from surveilnav.cli.report import RunRecord, run_json, traffic_lines, write_report
-from surveilnav.cli.report import outcome as in_words
+from surveilnav.cli.report.page import write_report
+from surveilnav.cli.report.record import RunRecord, run_json, traffic_lines
+from surveilnav.cli.report.words import outcome as in_words
 from surveilnav.cli.stack import Stack, environment
 from surveilnav.cli.words import human_bytes
 from surveilnav.contract import MISSION_CANCEL, MISSION_GOAL, RECORDINGS
@@ -42,8 +43,6 @@ _CLOSED_S = 15.0
 
 @dataclass(frozen=True)
 class DemoOptions:
-    """What ``surveilnav demo`` was asked for."""
-
     building: str
     seed: int
     target: str

@@ -7,8 +7,7 @@ import numpy as np
 
 from surveilnav.bus import Node, clock_ns
 from surveilnav.cli.recorder import Recorder
-from surveilnav.cli.report import DecidingView, Step
-from surveilnav.cli.report.record import Layers
+from surveilnav.cli.report.record import DecidingView, Layers, Step
 from surveilnav.contract import CAMERA_REQUEST, MAP_LAYER, OBJECTS
 from surveilnav.errors import BusError, WireError
 from surveilnav.geometry import yaw_of

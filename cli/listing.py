@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 from rich.cells import cell_len
 from rich.console import Console
@@ -19,24 +19,24 @@ _GAP = 2
 _LEAST = {"id": 10, "word": 10, "text": 12}
 
 Kind = Literal["id", "number", "word", "text", "note"]
-
-
-@dataclass(frozen=True, slots=True)
-class Column:
-    """``number`` is never broken; ``id``, ``word`` and ``text`` are folded where room is short, never cut. A ``note`` is the
-    last column: where it doesn't fit beside the others it stands below them."""
-
-    title: str
-    kind: Kind = "word"
-
-
 Cell = str | tuple[str, str]
 """A text, or a text and its style. It is shown as it is: whatever it holds, nothing of it is obeyed."""
 
 
-def listing(console: Console, columns: Sequence[Column], rows: Iterable[Sequence[Cell]]) -> None:
-    """Prints a table as wide as the terminal; for a file or a program, a line for each row, however long."""
-    texts = [[_text((column.title, "bold")) for column in columns], *([_text(cell) for cell in row] for row in rows)]
+@dataclass(frozen=True, slots=True)
+class Column:
+    """``cell``: what it shows of a thing. A ``number`` is never broken; ``id``, ``word`` and ``text`` are folded where room is
+    short, never cut. A ``note`` is the last column: where it doesn't fit beside the others it stands below them."""
+
+    title: str
+    cell: Callable[[Any], Cell]
+    kind: Kind = "word"
+
+
+def listing(console: Console, columns: Sequence[Column], things: Iterable[Any]) -> None:
+    """Prints a table as wide as the terminal; for a file or a program, a line for each thing, however long."""
+    texts = [[_text((column.title, "bold")) for column in columns]]
+    texts += [[_text(column.cell(thing)) for column in columns] for thing in things]
     widths = [max(cell_len(row[i].plain) for row in texts) for i in range(len(columns))]
     if not console.is_terminal:
         for row in texts:

@@ -8,7 +8,7 @@ from types import TracebackType
 from typing import Self
 
 from surveilnav.bus import Node
-from surveilnav.cli.report import MapMoment
+from surveilnav.cli.report.record import MapMoment
 from surveilnav.contract import MAP_LAYER
 from surveilnav.errors import BusError, WireError
 from surveilnav.sensing.layers import unpack_layer

@@ -10,15 +10,6 @@ from surveilnav.cli.listing import Cell, Column, facts, listing
 from surveilnav.cli.words import clock, duration, metres
 from surveilnav.rest import Mission, MissionPlan, Place
 
-_COLUMNS = (
-    Column("id", "id"),
-    Column("state"),
-    Column("target", "text"),
-    Column("robot", "id"),
-    Column("step", "number"),
-    Column("way", "number"),
-    Column("message", "note"),
-)
 _COLOURS = {"active": "cyan", "confirming": "cyan", "paused": "yellow", "queued": "yellow", "failed": "red"}
 
 
@@ -54,10 +45,16 @@ def show_missions(missions: Sequence[Mission], console: Console) -> None:
     if not missions:
         console.print("no mission yet; `surveilnav find TARGET` sends a robot")
         return
-    rows: list[list[Cell]] = [
-        [m.id, state_of(m), m.target, m.robot or "-", steps_of(m), metres(m.path_m), said_of(m)] for m in missions
-    ]
-    listing(console, _COLUMNS, rows)
+    columns = (
+        Column("id", lambda m: m.id, "id"),
+        Column("state", state_of),
+        Column("target", lambda m: m.target, "text"),
+        Column("robot", lambda m: m.robot or "-", "id"),
+        Column("step", steps_of, "number"),
+        Column("way", lambda m: metres(m.path_m), "number"),
+        Column("message", said_of, "note"),
+    )
+    listing(console, columns, missions)
 
 
 def show_mission(mission: Mission, plan: MissionPlan | None, console: Console) -> None:
@@ -96,13 +93,14 @@ def show_plan(plan: MissionPlan, console: Console) -> None:
     console.print(f"step {plan.step}, floor {plan.floor}: {plan.action}, {plan.why}", markup=False)
     if not plan.candidates:
         return
-    columns = (Column("weighed"), Column("at", "number"), Column("score", "number"), Column("note", "note"))
-    listing(console, columns, [_weighed(place) for place in plan.candidates])
+    columns = (
+        Column("weighed", lambda p: (p.kind if p.object_id is None else f"{p.kind} {p.object_id}", _style(p))),
+        Column("at", lambda p: ", ".join("?" if v is None else f"{v:.1f}" for v in (p.x_m, p.y_m)), "number"),
+        Column("score", lambda p: "" if p.score is None else f"{p.score:.3g}", "number"),
+        Column("note", lambda p: (("chosen: " if p.chosen else "") + p.note, _style(p)), "note"),
+    )
+    listing(console, columns, plan.candidates)
 
 
-def _weighed(place: Place) -> list[Cell]:
-    style = "green" if place.chosen else ""
-    name = place.kind if place.object_id is None else f"{place.kind} {place.object_id}"
-    at = ", ".join("?" if v is None else f"{v:.1f}" for v in (place.x_m, place.y_m))
-    score = "" if place.score is None else f"{place.score:.3g}"
-    return [(name, style), at, score, (("chosen: " if place.chosen else "") + place.note, style)]
+def _style(place: Place) -> str:
+    return "green" if place.chosen else ""

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from surveilnav.cli.completing import known, mission_ids
 from surveilnav.cli.options import (
     DEFAULT_URL,
     AsJson,
@@ -16,6 +17,7 @@ from surveilnav.cli.options import (
     items,
     only_before_nothing,
     print_json,
+    put,
     results,
 )
 
@@ -26,16 +28,11 @@ if TYPE_CHECKING:
 app = typer.Typer(invoke_without_command=True, help="List missions; show, cancel, pause or resume one.")
 
 
-def _ids(ctx: typer.Context, incomplete: str) -> list[str]:
-    """For the shell: missions that begin so; none if no gateway answers."""
-    from surveilnav.cli.completing import mission_ids
-
-    return mission_ids(ctx, incomplete)
-
-
 Id = Annotated[
     str,
-    typer.Argument(metavar="ID", autocompletion=_ids, help="A mission's id, or its beginning if that is unique."),
+    typer.Argument(
+        metavar="ID", autocompletion=mission_ids, help="A mission's id, or its beginning if that is unique."
+    ),
 ]
 Reason = Annotated[str, typer.Option(metavar="TEXT", help="Reason, shown to people.")]
 
@@ -68,10 +65,7 @@ def list_all(ctx: typer.Context, url: Url = DEFAULT_URL, as_json: AsJson = False
 
     with gateway(url) as asked:
         missions = asked.missions()
-    if as_json:
-        print_json(items(missions))
-    else:
-        show_missions(missions, results)
+    put(items(missions), as_json, lambda: show_missions(missions, results))
 
 
 @app.command()
@@ -80,11 +74,8 @@ def show(id: Id, url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
     from surveilnav.cli.mission_words import show_mission
 
     with gateway(url) as asked:
-        mission = asked.mission(_known(asked, id))
-        if as_json:
-            print_json(mission)
-        else:
-            show_mission(mission, _plan_of(asked, mission), results)
+        mission = asked.mission(known(asked, "mission", id))
+        put(mission, as_json, lambda: show_mission(mission, _plan_of(asked, mission), results))
 
 
 @app.command()
@@ -93,46 +84,34 @@ def plan(id: Id, url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
     from surveilnav.cli.mission_words import show_plan
 
     with gateway(url) as asked:
-        found = asked.plan(_known(asked, id))
-    if as_json:
-        print_json(found)
-    else:
-        show_plan(found, results)
+        found = asked.plan(known(asked, "mission", id))
+    put(found, as_json, lambda: show_plan(found, results))
 
 
 @app.command()
 def cancel(id: Id, reason: Reason = "", url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
     """Cancel a mission; its robot stops."""
     with gateway(url) as asked:
-        _changed(asked.cancel(_known(asked, id), reason), as_json)
+        _changed(asked.cancel(known(asked, "mission", id), reason), as_json)
 
 
 @app.command()
 def pause(id: Id, reason: Reason = "", url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
     """Pause a mission: its robot finishes its action and stays where it is."""
     with gateway(url) as asked:
-        _changed(asked.pause(_known(asked, id), reason), as_json)
+        _changed(asked.pause(known(asked, "mission", id), reason), as_json)
 
 
 @app.command()
 def resume(id: Id, url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
     """Resume a paused mission."""
     with gateway(url) as asked:
-        _changed(asked.resume(_known(asked, id)), as_json)
+        _changed(asked.resume(known(asked, "mission", id)), as_json)
 
 
 def _changed(mission: Mission, as_json: bool) -> None:
-    if as_json:
-        print_json(mission)
-    else:
-        results.print(f"{mission.id}: {mission.state}", markup=False, soft_wrap=True)
-
-
-def _known(asked: Client, typed: str) -> str:
-    """The id that was meant: as typed, or the only one that begins so."""
-    from surveilnav.cli.completing import meant
-
-    return meant("mission", typed, [mission.id for mission in asked.missions()])
+    told = f"{mission.id}: {mission.state}"
+    put(mission, as_json, lambda: results.print(told, markup=False, soft_wrap=True))
 
 
 def _plan_of(asked: Client, mission: Mission) -> MissionPlan | None:

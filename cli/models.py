@@ -31,28 +31,14 @@ def list_models(as_json: AsJson = False) -> None:
         print_json(items(rows))
         return
     columns = (
-        Column("model", "id"),
-        Column("kind"),
-        Column("MB", "number"),
-        Column("licence", "text"),
-        Column("hash", "word"),
-        Column("here", "note"),
+        Column("model", lambda row: row["name"], "id"),
+        Column("kind", lambda row: row["kind"]),
+        Column("MB", lambda row: f"{row['bytes'] / 1e6:,.0f}" if row["bytes"] else "?", "number"),
+        Column("licence", lambda row: row["licence"], "text"),
+        Column("hash", lambda row: row["hash"]),
+        Column("here", lambda row: (row["fault"], "red") if row["fault"] else row["path"] or "-", "note"),
     )
-    listing(
-        results,
-        columns,
-        [
-            [
-                row["name"],
-                row["kind"],
-                f"{row['bytes'] / 1e6:,.0f}" if row["bytes"] else "?",
-                row["licence"],
-                row["hash"],
-                (row["fault"], "red") if row["fault"] else row["path"] or "-",
-            ]
-            for row in rows
-        ],
-    )
+    listing(results, columns, rows)
     results.print(
         "\nhash: `known` stands in the catalogue, `card` beside the weights. `first pull` is trusted when it "
         "first comes, and written into models.lock.json; later content is held to it.\n"

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from surveilnav.cli.listing import Column, listing
-from surveilnav.cli.options import DEFAULT_URL, AsJson, Url, gateway, items, print_json, results
+from surveilnav.cli.options import DEFAULT_URL, AsJson, Url, gateway, items, put, results
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -37,10 +37,7 @@ def objects(
     """List the objects that the running system has seen; with TEXT, those that look most like it first."""
     with gateway(url) as asked:
         found = asked.objects(text, label=label, floor=floor, status=state)
-    if as_json:
-        print_json(items(found))
-    else:
-        show_objects(found, results)
+    put(items(found), as_json, lambda: show_objects(found, results))
 
 
 def show_objects(found: list[Object], console: Console) -> None:
@@ -49,30 +46,15 @@ def show_objects(found: list[Object], console: Console) -> None:
         console.print("nothing is known of such objects yet")
         return
     columns = (
-        Column("object", "text"),
-        Column("floor", "id"),
-        Column("at x, y, z [m]", "number"),
-        Column("status"),
-        Column("chance", "number"),
-        Column("fits", "number"),
-        Column("seen by", "note"),
+        Column("object", lambda o: f"{o.label} {o.id}", "text"),
+        Column("floor", lambda o: o.floor, "id"),
+        Column("at x, y, z [m]", lambda o: ", ".join("?" if v is None else f"{v:.1f}" for v in o.center_m), "number"),
+        Column("status", lambda o: o.status),
+        Column("chance", lambda o: _share(o.confidence), "number"),
+        Column("fits", lambda o: _share(o.relevance), "number"),
+        Column("seen by", lambda o: ", ".join(o.sources), "note"),
     )
-    listing(
-        console,
-        columns,
-        [
-            [
-                f"{o.label} {o.id}",
-                o.floor,
-                ", ".join("?" if v is None else f"{v:.1f}" for v in o.center_m),
-                o.status,
-                _share(o.confidence),
-                _share(o.relevance),
-                ", ".join(o.sources),
-            ]
-            for o in found
-        ],
-    )
+    listing(console, columns, found)
 
 
 def _share(value: float | None) -> str:

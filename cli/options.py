@@ -12,6 +12,8 @@ from surveilnav.cli.terminal import Terminal
 from surveilnav.perception.names import BackendName
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from surveilnav.client import Client
 
 #: Progress and mistakes go to standard error, results to standard output.
@@ -82,6 +84,14 @@ def gateway(url: str) -> Client:
 def print_json(value: Any) -> None:
     """What a program reads: one line on standard output. Resources of the gateway are printed as the gateway sends them."""
     print(json.dumps(value, default=lambda resource: resource.model_dump(mode="json")))
+
+
+def put(value: Any, as_json: bool, show: Callable[[], object]) -> None:
+    """Prints a result: as JSON for programs, else as ``show`` does for people."""
+    if as_json:
+        print_json(value)
+    else:
+        show()
 
 
 def items(rows: list[Any]) -> dict[str, Any]:

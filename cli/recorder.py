@@ -109,7 +109,6 @@ class Recorder:
         return (floor, seq) if holding else None
 
     def camera_infos(self) -> list[CameraInfo]:
-        """The cameras that announced themselves."""
         return [row.message for row in self._infos.rows()]
 
     def perception(self) -> tuple[str, str]:

@@ -8,7 +8,7 @@ from rich.padding import Padding
 from rich.text import Text
 
 from surveilnav.cli.listing import Column, listing
-from surveilnav.cli.options import DEFAULT_URL, AsJson, Url, gateway, items, print_json, results
+from surveilnav.cli.options import DEFAULT_URL, AsJson, Url, gateway, items, put, results
 from surveilnav.cli.terminal import plain
 from surveilnav.cli.words import clock, why_perceived
 
@@ -25,10 +25,7 @@ def status(url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
     """Show what the running system is doing: services, robots, cameras, perception, missions."""
     with gateway(url) as asked:
         found = everything(asked)
-    if as_json:
-        print_json({name: items(rows) for name, rows in found.items()})
-    else:
-        show_status(found, results)
+    put({name: items(rows) for name, rows in found.items()}, as_json, lambda: show_status(found, results))
 
 
 def everything(asked: Client) -> dict[str, list[Any]]:
@@ -61,19 +58,14 @@ def show_status(found: dict[str, list[Any]], console: Console) -> None:
 
 
 def _services(rows: list[Any], console: Console) -> None:
-
     columns = (
-        Column("service", "id"),
-        Column("state"),
-        Column("restarts", "number"),
-        Column("last", "number"),
-        Column("why", "note"),
+        Column("service", lambda s: s.id, "id"),
+        Column("state", service_state),
+        Column("restarts", lambda s: str(s.restarts), "number"),
+        Column("last", lambda s: clock(s.restarted), "number"),
+        Column("why", lambda s: s.why or "", "note"),
     )
-    listing(
-        console,
-        columns,
-        [[s.id, service_state(s), str(s.restarts), clock(s.restarted), s.why or ""] for s in rows],
-    )
+    listing(console, columns, rows)
 
 
 def service_state(service: Service) -> tuple[str, str]:
@@ -85,53 +77,25 @@ def service_state(service: Service) -> tuple[str, str]:
 
 def _robots(rows: list[Any], console: Console) -> None:
     columns = (
-        Column("robot", "id"),
-        Column("floor", "id"),
-        Column("at x, y [m]", "number"),
-        Column("state"),
-        Column("mission", "id"),
-        Column("message", "note"),
+        Column("robot", lambda r: r.id, "id"),
+        Column("floor", lambda r: r.floor, "id"),
+        Column("at x, y [m]", lambda r: f"{r.position_m[0]:.1f}, {r.position_m[1]:.1f}", "number"),
+        Column("state", lambda r: ("silent", "red") if r.stale else r.state),
+        Column("mission", lambda r: r.mission or "-", "id"),
+        Column("message", lambda r: r.message, "note"),
     )
-    listing(
-        console,
-        columns,
-        [
-            [
-                r.id,
-                r.floor,
-                f"{r.position_m[0]:.1f}, {r.position_m[1]:.1f}",
-                ("silent", "red") if r.stale else r.state,
-                r.mission or "-",
-                r.message,
-            ]
-            for r in rows
-        ],
-    )
+    listing(console, columns, rows)
     for row in rows:
         for note in row.notes:
             console.print(Padding(Text(plain(f"note: {note}")), (0, 0, 0, 2)))
 
 
 def _workers(rows: list[Any], console: Console) -> None:
-
     columns = (
-        Column("worker", "id"),
-        Column("backend"),
-        Column("state"),
-        Column("queue", "number"),
-        Column("why", "note"),
+        Column("worker", lambda w: w.id, "id"),
+        Column("backend", lambda w: w.backend),
+        Column("state", lambda w: ("silent", "red") if w.stale else "ready" if w.ready else ("not ready", "yellow")),
+        Column("queue", lambda w: f"{w.queued}/{w.capacity}", "number"),
+        Column("why", lambda w: why_perceived(w.why, w.calibrated), "note"),
     )
-    listing(
-        console,
-        columns,
-        [
-            [
-                w.id,
-                w.backend,
-                ("silent", "red") if w.stale else "ready" if w.ready else ("not ready", "yellow"),
-                f"{w.queued}/{w.capacity}",
-                why_perceived(w.why, w.calibrated),
-            ]
-            for w in rows
-        ],
-    )
+    listing(console, columns, rows)

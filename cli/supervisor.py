@@ -4,15 +4,37 @@ from __future__ import annotations
 
 import signal
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from itertools import takewhile
 
 from surveilnav.bus import Node, clock_ns
-from surveilnav.cli.restarts import RestartPolicy
 from surveilnav.cli.stack import Stack
 from surveilnav.contract import SERVICES
 from surveilnav.errors import SurveilNavError
 from surveilnav.messages import ServiceList, ServiceState
+
+
+@dataclass(frozen=True, slots=True)
+class RestartPolicy:
+    """After ``first_s``, each time in a row after twice as long, at most ``longest_s``. Given up after ``most`` restarts in a
+    row; who lives for ``settled_s`` begins a new row, as with Docker's and systemd's counts."""
+
+    first_s: float = 0.5
+    longest_s: float = 30.0
+    most: int = 8
+    settled_s: float = 120.0
+
+    def wait_s(self, lives_s: Sequence[float]) -> float | None:
+        """How long to wait after the last of a service's ends; None: give up.
+
+        Args:
+            lives_s: how long it lived each time, in order, at least one [s].
+        """
+        row = sum(1 for _ in takewhile(lambda life_s: life_s < self.settled_s, reversed(lives_s))) or 1
+        if row > self.most:
+            return None
+        return min(self.longest_s, self.first_s * 2.0 ** (row - 1))
 
 
 @dataclass(slots=True)

@@ -9,7 +9,7 @@ import typer
 
 from surveilnav.cli.extras import needs
 from surveilnav.cli.listing import Column, listing
-from surveilnav.cli.options import AsJson, console, items, print_json, results
+from surveilnav.cli.options import AsJson, console, items, put, results
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -19,10 +19,7 @@ if TYPE_CHECKING:
 def buildings(as_json: AsJson = False) -> None:
     """List the buildings that can be simulated, with floors, rooms and area."""
     rows = _buildings()
-    if as_json:
-        print_json(items(rows))
-    else:
-        show_buildings(rows, results)
+    put(items(rows), as_json, lambda: show_buildings(rows, results))
 
 
 def _buildings() -> list[dict[str, Any]]:
@@ -44,26 +41,15 @@ def _buildings() -> list[dict[str, Any]]:
 def show_buildings(rows: list[dict[str, Any]], out: Console) -> None:
     """A line a building."""
     columns = (
-        Column("name", "id"),
-        Column("floors", "number"),
-        Column("rooms", "number"),
-        Column("m²", "number"),
-        Column("what it is", "note"),
+        Column("name", lambda row: row["name"], "id"),
+        Column("floors", lambda row: "" if row["floors"] is None else str(len(row["floors"])), "number"),
+        Column("rooms", lambda row: _number(row["rooms"]), "number"),
+        Column("m²", lambda row: _number(row["area_m2"]), "number"),
+        Column("what it is", lambda row: row["about"], "note"),
     )
-    listing(
-        out,
-        columns,
-        [
-            [row["name"], _count(row["floors"]), _number(row["rooms"]), _number(row["area_m2"]), row["about"]]
-            for row in rows
-        ],
-    )
+    listing(out, columns, rows)
     if any(row["rooms"] is None and "<n>" not in row["name"] for row in rows):
         out.print("without numbers: plans that aren't here yet; `surveilnav prepare` fetches them")
-
-
-def _count(floors: list[str] | None) -> str:
-    return "" if floors is None else str(len(floors))
 
 
 def _number(value: float | None) -> str:
@@ -83,10 +69,8 @@ def homes(
 
     with counting(console, "files") as progress:
         lines = survey_folder(folder, progress)
-    if as_json:
-        print_json({"folder": str(folder), "homes": [as_dict(line) for line in lines]})
-    else:
-        show(lines, results)
+    found = {"folder": str(folder), "homes": [as_dict(line) for line in lines]}
+    put(found, as_json, lambda: show(lines, results))
     raise typer.Exit(0 if any(line.survey for line in lines) else 1)
 
 
@@ -103,8 +87,5 @@ def doctor(
 
     with bar(console) as progress:
         findings = examine(building, progress)
-    if as_json:
-        print_json({"findings": [f.as_dict() for f in findings]})
-    else:
-        show(findings, results)
+    put({"findings": [f.as_dict() for f in findings]}, as_json, lambda: show(findings, results))
     raise typer.Exit(1 if any(f.level == "missing" for f in findings) else 0)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from operator import itemgetter
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from surveilnav.cli.completing import known
 from surveilnav.cli.listing import Cell, Column, facts, listing
-from surveilnav.cli.options import DEFAULT_URL, AsJson, Url, gateway, print_json, results
+from surveilnav.cli.options import DEFAULT_URL, AsJson, Url, gateway, put, results
 from surveilnav.cli.words import human_bytes
 
 if TYPE_CHECKING:
@@ -25,26 +27,13 @@ def traffic(
     as_json: AsJson = False,
 ) -> None:
     """Show how many bytes each camera and robot offered, how many were delivered, and how many went over the wire."""
-    if mission:
-        _of_mission(mission, url, as_json)
-        return
     with gateway(url) as asked:
-        found = asked.traffic()
-    if as_json:
-        print_json(found)
-    else:
-        show_traffic(found, results, nodes=nodes)
-
-
-def _of_mission(id: str, url: str, as_json: bool) -> None:
-    from surveilnav.cli.completing import meant
-
-    with gateway(url) as asked:
-        cost = asked.mission_traffic(meant("mission", id, [m.id for m in asked.missions()]))
-    if as_json:
-        print_json(cost)
-    else:
-        show_cost(cost, results)
+        if mission:
+            cost = asked.mission_traffic(known(asked, "mission", mission))
+            put(cost, as_json, lambda: show_cost(cost, results))
+        else:
+            found = asked.traffic()
+            put(found, as_json, lambda: show_traffic(found, results, nodes=nodes))
 
 
 def show_cost(cost: MissionTraffic, console: Console) -> None:
@@ -68,7 +57,8 @@ def show_cost(cost: MissionTraffic, console: Console) -> None:
 def show_traffic(found: Traffic, console: Console, *, nodes: bool = False) -> None:
     """A line for each camera and robot, then the sum; ``nodes``: processes, too."""
     titles = ("offered", "delivered", "wire", "pictures", "for viewers")
-    columns = (Column("source", "id"), *(Column(title, "number") for title in titles))
+    numbers = (Column(title, itemgetter(i), "number") for i, title in enumerate(titles, 1))
+    columns = (Column("source", itemgetter(0), "id"), *numbers)
     rows: list[list[Cell]] = [_source("camera", c) for c in found.cameras] + [_source("robot", r) for r in found.robots]
     total = [found.offered_bytes, found.delivered_bytes, found.wire_sent_bytes]
     listing(console, columns, [*rows, [("all processes", "bold"), *(human_bytes(n) for n in total), "", ""]])
@@ -86,21 +76,11 @@ def _source(kind: str, source: SourceTraffic) -> list[Cell]:
 
 def _show_nodes(found: Traffic, console: Console) -> None:
     columns = (
-        Column("process", "id"),
-        *(Column(t, "number") for t in ("offered", "delivered", "wire out", "wire in", "refused")),
+        Column("process", lambda n: f"{n.kind}/{n.id}", "id"),
+        Column("offered", lambda n: human_bytes(n.offered_bytes), "number"),
+        Column("delivered", lambda n: human_bytes(n.delivered_bytes), "number"),
+        Column("wire out", lambda n: human_bytes(n.wire_sent_bytes), "number"),
+        Column("wire in", lambda n: human_bytes(n.wire_received_bytes), "number"),
+        Column("refused", lambda n: str(sum(n.rejected.values())), "number"),
     )
-    listing(
-        console,
-        columns,
-        [
-            [
-                f"{n.kind}/{n.id}",
-                human_bytes(n.offered_bytes),
-                human_bytes(n.delivered_bytes),
-                human_bytes(n.wire_sent_bytes),
-                human_bytes(n.wire_received_bytes),
-                str(sum(n.rejected.values())),
-            ]
-            for n in found.nodes
-        ],
-    )
+    listing(console, columns, found.nodes)

@@ -77,7 +77,6 @@ class Archive:
         self.close()
 
     def close(self) -> None:
-        """Closes the file."""
         self._zip.close()
 
     def fingerprint(self, name: str) -> str:

@@ -137,7 +137,7 @@ class SimulatedBuilding:
         parts = read_parts(path, _PLAN_FORMAT)
         plan = msgspec.json.decode(parts[0], type=CameraPlan) if parts else None
         if plan is None or ("scene" in vars(self) and plan.scene_hash != self.scene.content_hash):
-            plan = self._make_plan()
+            plan = self.plan_with(self.settings.area_per_camera_m2, self.settings.cameras)
             write_parts(path, _PLAN_FORMAT, [msgspec.json.encode(plan)])
         return plan
 
@@ -148,9 +148,6 @@ class SimulatedBuilding:
         facts = self.settings.model_dump(exclude={"depth_noise", "lighting"})
         key = json.dumps([__version__, facts, content], sort_keys=True)
         return self._cache_dir / "plans" / f"{hashlib.sha256(key.encode()).hexdigest()[:32]}.plan"
-
-    def _make_plan(self) -> CameraPlan:
-        return self.plan_with(self.settings.area_per_camera_m2, self.settings.cameras)
 
     def plan_with(self, area_per_camera_m2: float, count: int | None = None) -> CameraPlan:
         """The plan of another density or number of cameras, made anew."""

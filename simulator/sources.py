@@ -59,8 +59,6 @@ PARAMETRIC: tuple[str, ...] = tuple(_PARAMETRIC)
 
 @dataclass(frozen=True, slots=True)
 class BuildingInfo:
-    """One line of the list of buildings."""
-
     name: str
     about: str
 
@@ -149,7 +147,6 @@ def _with_simple_shapes(
 
 
 def read_example(name: str, furniture: Furniture) -> Home:
-    """The plan of an example home."""
     plan = f"{_EXAMPLES}/{_HOMES[name][0]}.xml"
     data = furniture.jar.read(plan)
     if data is None:

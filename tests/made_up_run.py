@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 import cv2
 import numpy as np
 
-from surveilnav.cli.report import DecidingView, MapMoment, RunRecord, Step, TrafficLine
+from surveilnav.cli.report.record import DecidingView, MapMoment, RunRecord, Step, TrafficLine
 from surveilnav.geometry import Grid, Pinhole, Pose, camera_pose
 from surveilnav.messages import CameraInfo, CameraViewInfo, Candidate, MissionStatus, ObjectEvent, ObjectRecord, Plan
 

@@ -67,7 +67,6 @@ def damaged_scenes(root: Path, manifest: Manifest, split: str) -> set[tuple[str,
 
 
 def _scene_of(name: str) -> str:
-    """The scene of a file, by its path."""
     return name.rpartition("/")[2].removesuffix(".gz").removesuffix(".json")
 
 

@@ -42,7 +42,6 @@ class InvokedCameras:
         self._here: tuple[str, ...] = ()  # the cameras of the robot's floor
 
     def invoke(self, floor_z_m: float, now: int) -> tuple[str, ...]:
-        """See ``Cameras``."""
         self._here = tuple(active_cameras([floor_z_m], self._sight.infos, self._tau_z_m))
         if new := tuple(name for name in self._here if name not in self.offered_bytes):
             self.offered_bytes |= {name: sum(v.offered_bytes for v in self._sight.camera(name)) for name in new}
@@ -53,7 +52,6 @@ class InvokedCameras:
 
     @property
     def n_pending(self) -> int:
-        """See ``Cameras``."""
         due = {name for _, names in self._due for name in names}
         return len(self._waiting_here()) + sum(len(self._sight.camera(name)) for name in self._here if name in due)
 

@@ -126,7 +126,6 @@ class Episode:
         self._note_place()
 
     def run(self) -> EpisodeResult:
-        """Plays it to its end."""
         while True:
             seen, arrived = self.sense()
             joint, maps = self.fuse(seen, arrived)

@@ -37,7 +37,6 @@ _MAX_TOUR = 6
 
 
 def choose(context: StepContext, frontiers: Callable[[], list[Frontier]]) -> FrontierChoice | None:
-    """See ``FrontierRule``."""
     found, config = frontiers(), context.config
     if not found:
         return None

@@ -39,7 +39,6 @@ class L3mvnRule:
         self._known, self._chosen_at = known, -_EVERY_STEPS
 
     def __call__(self, context: StepContext, frontiers: Callable[[], list[Frontier]]) -> FrontierChoice | None:
-        """See ``FrontierRule``."""
         found, state = frontiers(), context.state
         if not found:
             return None

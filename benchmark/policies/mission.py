@@ -44,7 +44,6 @@ class MissionPolicy:
         return self._state.step
 
     def act(self, maps: FloorMaps, robot: RobotView, summaries: Mapping[str, Mapping[str, float]]) -> Decision:
-        """See ``Searcher``."""
         reported = summaries if self._summaries else {}
         self._state, decision = step(self._state, maps, robot, self._config, self._task.driver, reported, self._rule)
         return decision

@@ -41,7 +41,6 @@ class VlfmRule:
         self._last_value = 0.0
 
     def __call__(self, context: StepContext, frontiers: Callable[[], list[Frontier]]) -> FrontierChoice | None:
-        """See ``FrontierRule``."""
         found = [valued(frontier, context.maps, context.config) for frontier in frontiers()]
         if not found:
             return None

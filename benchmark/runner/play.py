@@ -52,7 +52,6 @@ class ScenePlayer:
 
     @property
     def episodes(self) -> list[HabitatEpisode]:
-        """All searches of the scene."""
         return self._data.content.episodes
 
     @property

@@ -23,7 +23,6 @@ class RowsFile:
     key: tuple[str, ...]
 
     def append(self, row: Mapping[str, Any]) -> None:
-        """Adds a row."""
         journal.append(self.path, json.dumps(row))
 
     def load(self) -> list[dict[str, Any]]:

@@ -51,7 +51,6 @@ class Compared(NamedTuple):
 
     @property
     def whole(self) -> bool:
-        """All actions are the same."""
         return self.same == self.live == len(self.alone.actions)
 
 

@@ -50,11 +50,8 @@ def page(
     """A table's page.
 
     Args:
-        lines: of the arms that were played.
         total: episodes of the split.
         models: by scene and category, the furniture models of its goals.
-        basis: what they were played on.
-        edition: the dataset's.
     """
     apart = " and ".join(f"{m:g} m" for m in WITHIN_M)
     text = [

@@ -38,7 +38,6 @@ class ReplayClock:
         self.playing = (self.playing and not ended) if playing is None else playing
 
     def ended(self, now_s: float) -> bool:
-        """Whether it is at its end."""
         return self.at_s(now_s) >= self.duration_s
 
     def wait_s(self, moment_s: float, now_s: float) -> float:

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from surveilnav.cli.extras import needs
-from surveilnav.cli.options import AsJson, console, print_json, results
+from surveilnav.cli.options import AsJson, console, put, results
 
 
 @needs("services")
@@ -36,8 +36,5 @@ def replay(
     from surveilnav.cli.replay.check import check as compare
 
     outcome = compare(file)
-    if as_json:
-        print_json(outcome.as_dict())
-    else:
-        results.print(outcome.in_words(), markup=False)
+    put(outcome.as_dict(), as_json, lambda: results.print(outcome.in_words(), markup=False))
     raise typer.Exit(0 if outcome.same else 1)

@@ -31,7 +31,6 @@ class ReplayControls:
         node.serve(contract.REPLAY_CONTROL, self._on_control, player=node.id)
 
     def status(self) -> ReplayStatus:
-        """How it is now."""
         with self._lock:
             now_s = time.monotonic()
             return ReplayStatus(
@@ -48,7 +47,6 @@ class ReplayControls:
             )
 
     def tell(self) -> None:
-        """Puts the status."""
         self._publisher.put(self.status())
 
     def begin_anew(self) -> None:

@@ -63,7 +63,6 @@ class LatestMessages:
             self._announce(kind, next(v for k, v in heard.ids.items() if k not in ("building", "floor")))
 
     def record_picture(self, view: LoggedView, header: FrameHeader, payload: bytes) -> None:
-        """Keeps the newest picture of a view."""
         with self._lock:
             self._pictures[view.source, view.view] = payload[: header.image.n_bytes]
 

@@ -56,7 +56,6 @@ class ReplayedMaps:
         self._answers = LayerAnswers(self._node, reader), ObjectAnswers(reader, self._log)
 
     def integrate(self, view: LoggedView, payload: bytes) -> None:
-        """Integrates a view as it was logged."""
         if self._log is not None:
             perceived = perceived_from_entry(entry_of(view, payload))
             self._positions.record(perceived.header)
@@ -67,7 +66,6 @@ class ReplayedMaps:
         self._answers = None
 
     def close(self) -> None:
-        """Closes the log."""
         if self._log is not None:
             self._log.close()
 

@@ -72,7 +72,6 @@ class Player:
             self._put(heard.stream, heard.ids, heard.message)
 
     def close(self) -> None:
-        """Closes the maps."""
         self._maps.close()
 
     def _view(self, view: LoggedView, payload: bytes, quietly: bool) -> None:

@@ -65,11 +65,8 @@ class Feed:
                     read_s = now_s
                 self.known = known
             except GatewayError:
-                self.known = _lost(self.known)
+                if not self.known.lost:
+                    self.known = replace(self.known, lost=datetime.now(UTC))
             except RuntimeError:  # the client was closed
                 return
             self._news.wait(_MOVING_S)
-
-
-def _lost(known: SystemState) -> SystemState:
-    return known if known.lost else replace(known, lost=datetime.now(UTC))

@@ -12,7 +12,7 @@ from surveilnav.cli.mission_words import said_of, state_of, steps_of
 from surveilnav.cli.terminal import plain
 from surveilnav.cli.watching.system_state import SystemState
 from surveilnav.cli.words import duration, human_bytes, metres
-from surveilnav.rest import Mission, SourceTraffic
+from surveilnav.rest import Mission
 
 _BAR = 8
 _LIGHTS = {"invoked": ("●", "bold green"), "idle": ("○", ""), "paused": ("◌", "yellow"), "offline": ("✕", "bold red")}
@@ -161,13 +161,10 @@ def _traffic(known: SystemState) -> Iterator[Text]:
     ]
     sources.sort(key=lambda named: (-known.rates.get(named[0], 0.0), -named[1].offered_bytes))
     for name, source in sources[:_SOURCES]:
-        yield Text(f"{_counts(source)}  {human_bytes(round(known.rates.get(name, 0.0))):>7}/s  {plain(name)}")
+        counts = _columns(source.offered_bytes, source.delivered_bytes, source.wire_sent_bytes)
+        yield Text(f"{counts}  {human_bytes(round(known.rates.get(name, 0.0))):>7}/s  {plain(name)}")
     total = (known.traffic.offered_bytes, known.traffic.delivered_bytes, known.traffic.wire_sent_bytes)
     yield Text(f"{_columns(*total)}  {'':9}  all processes")
-
-
-def _counts(source: SourceTraffic) -> str:
-    return _columns(source.offered_bytes, source.delivered_bytes, source.wire_sent_bytes)
 
 
 def _columns(*counts: int | None) -> str:

@@ -69,7 +69,6 @@ class ProcessedViews:
         return bool(digest) and key[0].startswith("camera/") and self.digests.get(key) == digest
 
     def views_of(self, camera: str) -> set[int]:
-        """The processed views of a camera."""
         return self.views.get(camera, set())
 
     def repeats_fault(self, perceived: PerceivedView) -> bool:
@@ -78,7 +77,6 @@ class ProcessedViews:
         return bool(fault) and key[0].startswith("camera/") and self.faults.get(key) == _fault_message(perceived, fault)
 
     def record(self, perceived: PerceivedView, outcome: Outcome) -> None:
-        """Records a view as processed."""
         kind, _, name = perceived.key[0].partition("/")
         header = perceived.header
         if kind == "robot":
@@ -104,7 +102,6 @@ class ProcessedViews:
 
     @classmethod
     def from_state(cls, state: State) -> ProcessedViews:
-        """The processed views that ``state`` describes."""
         processed = cls()
         processed.robots = {name: LastObservation(*fields) for name, fields in state["robots"].items()}
         processed.views = {name: set(views) for name, views in state["views"].items()}

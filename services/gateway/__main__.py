@@ -85,7 +85,6 @@ def serve(settings: GatewaySettings, bus: BusSettings) -> None:
 
 
 def main() -> None:
-    """Reads the settings and serves."""
     serve(GatewaySettings(), BusSettings())
 
 

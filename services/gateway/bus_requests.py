@@ -16,11 +16,7 @@ def request(node: Node, owner: str, stream: Stream, message: Any = None, **optio
     """Sends a request and returns the answer. Blocks until the answer is there, at most for the contract's time-out.
 
     Args:
-        node: the gateway's.
         owner: the asked service's name, for the texts of problems.
-        stream: the contract's stream.
-        message: the request's message; None if it has none.
-        options: as for ``Node.ask``.
 
     Raises:
         Problem: the owner refuses, isn't there (503), or doesn't answer in time (504).

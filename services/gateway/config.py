@@ -59,7 +59,6 @@ class GatewaySettings(BaseSettings):
 
     @property
     def proxies(self) -> Networks:
-        """The trusted proxies."""
         return networks(self.trusted_proxies)
 
     @property

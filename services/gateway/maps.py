@@ -133,7 +133,6 @@ class Maps:
 
 
 def router(maps: Maps) -> APIRouter:
-    """The addresses of floors and their layers."""
     router = APIRouter(prefix=ROOT, tags=["building"])
 
     @router.get("/floors", name="floors")

@@ -178,7 +178,6 @@ def _repeated(goal: NewMission, same: bool, mission: Mission) -> Mission:
 
 
 def router(missions: Missions, meter: MissionTrafficMeter) -> APIRouter:
-    """The addresses below ``/missions``."""
     router = APIRouter(prefix=f"{ROOT}/missions", tags=["missions"])
 
     @router.post("", status_code=202)

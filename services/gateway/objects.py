@@ -102,7 +102,6 @@ class Objects:
 
 
 def router(objects: Objects, access_log: AccessLog) -> APIRouter:
-    """The addresses of objects."""
     router = APIRouter(prefix=ROOT, tags=["building"])
 
     @router.get("/objects", name="objects")

@@ -74,7 +74,6 @@ PROBLEMS: Responses = {
 
 
 def problem_response(request: Request, problem: Problem, headers: dict[str, str] | None = None) -> Response:
-    """The response that carries a problem."""
     # ASCII JSON: what a client sent may hold lone surrogates, which UTF-8 can't carry.
     body = json.dumps(problem.body(request.scope["path"]), ensure_ascii=True, default=str)
     return Response(body, problem.status, headers=headers, media_type=problems.MEDIA_TYPE)

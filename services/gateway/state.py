@@ -98,7 +98,6 @@ class BuildingState:
     """The newest messages of the streams that the gateway needs, and which nodes are alive.
 
     Attributes:
-        node: the gateway's node, for requests.
         root: the beginning of addresses in answers: the path at which a proxy serves the gateway, if any, and /api/v1.
     """
 
@@ -126,5 +125,4 @@ class BuildingState:
                 known.clear()
 
     def alive(self, kind: str) -> bool:
-        """Whether any node of the kind is alive."""
         return bool(self.node.alive(kind))

@@ -46,7 +46,6 @@ class StreamSource:
 
     @property
     def n_streams(self) -> int:
-        """How many streams are open."""
         return len(self._wakers)
 
     @property
@@ -60,7 +59,6 @@ class StreamSource:
         return self._source.advice
 
     def id_of(self, number: int) -> str:
-        """The id of the entry with that number."""
         return self._source.id_of(number)
 
     def position(self, last_id: str | None) -> ReadPosition:

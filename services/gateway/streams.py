@@ -109,7 +109,6 @@ class TileStream(EventStream):
         self._connection: HTTPConnection | None = None
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """The ASGI application."""
         self._connection = HTTPConnection(scope)
         with self._tiles.wanting(self._wanted):
             await super().__call__(scope, receive, send)
@@ -154,7 +153,6 @@ def _described(what: str, example: str) -> Responses:
 
 
 def router(events: BuildingEvents, live: LiveStates, tiles: CameraTiles, access_log: AccessLog) -> APIRouter:
-    """The addresses of the three streams."""
     router = APIRouter(prefix=ROOT, tags=["building"])
 
     @router.get(

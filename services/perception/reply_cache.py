@@ -59,7 +59,6 @@ class ReplyCache:
         return content_key(request, payload, self._backend.models, self._program)
 
     def get(self, key: bytes) -> CachedReply | None:
-        """The cached reply, or None."""
         with self._lock:
             data = self._memory.get(key)
         cached = CachedReply.from_bytes(data) if data is not None else None

@@ -30,7 +30,6 @@ class Pause:
         self._ended.set()
 
     def check(self) -> None:
-        """Raises PausedError if the mission is paused."""
         if self.reason is not None:
             raise PausedError(self.reason)
 

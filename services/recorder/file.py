@@ -39,11 +39,9 @@ class RecordingFile:
 
     @property
     def n_bytes(self) -> int:
-        """The size written so far."""
         return self._raw.tell()
 
     def add_metadata(self, name: str, facts: Mapping[str, str]) -> None:
-        """Writes named facts about the recording."""
         self._writer.add_metadata(name, dict(facts))  # type: ignore[no-untyped-call]
         self.flush()
 

@@ -98,7 +98,6 @@ class RecordingFolder:
             raise Refused("unknown_recording", f"there is no recording {id}") from None
 
     def free_bytes(self) -> int:
-        """Free space on the disk."""
         self.path.mkdir(parents=True, exist_ok=True)
         return shutil.disk_usage(self.path).free
 

@@ -27,7 +27,6 @@ class RecordingQueries:
         return Answer(RecordingList(stamp_ns=clock_ns(), recorder=self._id, recordings=found))
 
     def _read(self, request: Request) -> Answer:
-        """A part of a recording's bytes."""
         wanted: RecordingPart = request.message
         try:
             data, size = self._folder.read(wanted.id, wanted.offset, wanted.n_bytes)
@@ -39,7 +38,6 @@ class RecordingQueries:
         return Answer(part, data)
 
     def _delete(self, request: Request) -> Answer:
-        """Deletes a recording."""
         try:
             self._folder.delete(request.message.id)
         except OSError as error:

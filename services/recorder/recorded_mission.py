@@ -35,7 +35,6 @@ class RecordedMission:
             self.until_ns = now_ns + _SETTLE_NS
 
     def is_over(self, now_ns: int) -> bool:
-        """Whether its file is to be closed."""
         return self.until_ns is not None and now_ns >= self.until_ns
 
 

@@ -41,5 +41,4 @@ class CameraPlan(msgspec.Struct, frozen=True):
     cameras: list[PlannedCamera]
 
     def camera(self, name: str) -> PlannedCamera | None:
-        """The camera of that name, or None."""
         return next((c for c in self.cameras if c.name == name), None)

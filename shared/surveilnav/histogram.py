@@ -18,7 +18,6 @@ class Histogram:
         self.counts = [0] * (len(EDGES_MS) + 1)
 
     def add(self, duration_ms: float) -> None:
-        """Counts one duration."""
         self.counts[bisect_left(EDGES_MS, duration_ms)] += 1
 
 

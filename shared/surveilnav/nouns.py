@@ -100,7 +100,6 @@ def thing_named(name: str, language: str = "") -> str | None:
     """The thing that a name means; "" for an object without a class or kind, None if no language knows a word of it.
 
     Args:
-        name: a name in any language.
         language: code of the language that decides if several know as many words of the name ("Bank", "стол"); "": the one
             that more people use.
     """

@@ -21,5 +21,4 @@ class PictureSettings(BaseSettings):
 
     @property
     def keep_s(self) -> float | None:
-        """``keep_h`` in seconds."""
         return None if self.keep_h is None else self.keep_h * 3600.0

@@ -42,7 +42,6 @@ def clearance_m(blocked: NDArray[np.bool_], resolution_m: float) -> NDArray[np.f
 
     Args:
         blocked: (rows, cols), cells that an obstacle reaches into.
-        resolution_m: side of a cell.
     """
     free = np.ascontiguousarray(~np.asarray(blocked, dtype=np.bool_)).view(np.uint8)
     distance_px = cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)

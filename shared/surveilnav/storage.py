@@ -127,7 +127,6 @@ class FolderCache:
                 self._shrink(keep=self.path_for(key))
 
     def drop(self, key: str) -> None:
-        """Deletes an entry."""
         with contextlib.suppress(OSError):
             self.path_for(key).unlink(missing_ok=True)
 

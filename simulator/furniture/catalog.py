@@ -128,7 +128,6 @@ class Furniture:
         self.close()
 
     def close(self) -> None:
-        """Closes the archives."""
         for archive in self._archives.values():
             archive.close()
 
@@ -145,7 +144,6 @@ class Furniture:
         return self.load_path(entry.library, entry.path)
 
     def load_path(self, library: str, path: str) -> Model:
-        """The model at a path of a library."""
         key = f"{library}/{path}"
         if key not in self._models:
             archive = self._archives[library]

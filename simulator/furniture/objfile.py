@@ -63,7 +63,6 @@ def read_obj(data: bytes, name: str = "model") -> ObjModel:
     """Parses an OBJ file.
 
     Args:
-        data: the file's bytes.
         name: for messages.
 
     Raises:
@@ -111,7 +110,6 @@ class _Lines:
         self._material = self._group = 0
 
     def read_line(self, line: str) -> None:
-        """Reads the next line of the file."""
         head, rest = _split(line)
         if head == "v":
             self._vertex(rest, line)

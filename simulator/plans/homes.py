@@ -44,7 +44,6 @@ def build_home(
     """The scene of a plan.
 
     Args:
-        home: the plan.
         name: of the building; with the seed it decides about everything left to chance.
         seed: chooses furniture models and floor coverings.
         furniture: the libraries, or None: parametric furniture stands in then.

@@ -160,7 +160,6 @@ class _Reader:
         return (yield rule())
 
     def _description(self) -> _Step:
-        """A class's description, or None."""
         code = self._number("B")
         if code == _NULL:
             return None

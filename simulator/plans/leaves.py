@@ -35,7 +35,6 @@ def without_leaf(mesh: Mesh, piece: Piece, z_floor_m: float) -> Mesh:
 
     Args:
         mesh: of the door, placed in the world.
-        piece: the door.
         z_floor_m: its level's floor.
     """
     corners = _in_front_of(mesh, piece, z_floor_m)

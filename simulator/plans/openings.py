@@ -41,7 +41,6 @@ def stands_open(piece: Piece, *, indoors: bool = False) -> bool:
     """Whether a robot may pass: doors inside the building are open, those to the street are not.
 
     Args:
-        piece: a door or window.
         indoors: there are rooms with a ceiling on both sides of it, so that a front door leads to no street.
     """
     words = f"{_id_words(piece)} {words_of(piece.name)}"
@@ -68,7 +67,6 @@ def is_moving_part(group: str) -> bool:
 
 
 def is_pane(group: str) -> bool:
-    """Whether a group is glass."""
     return bool(_PANE.search(group))
 
 

@@ -112,7 +112,17 @@ def _add_floor(
     _add_walls(builder, floor, z_m, paint)
     if floor_holes:
         _add_railings(builder, floor, z_m, paint)
-    _add_rooms(builder, floor, z_m, plan, white, rng, floor_holes, ceiling_holes)
+    for key, (x0, y0, x1, y1) in _plan().rooms.items():
+        # Floors reach to the centre lines of the walls: no gap in a doorway.
+        outline = ((x0, y0), (x1, y0), (x1, y1), (x0, y1))
+        room = plan.rooms[key]
+        builder.rooms.append(Room(room, floor, outline))
+        kind = floor_kind(room, rng)
+        covering = floor_material(kind, rng)
+        slab = build_slab(np.array(outline), z_m, covering, floor_holes, up=True, tile_m=TILE_M[kind])
+        builder.add(slab, f"Floor of {room}", "floor", floor, room=room)
+        top = build_slab(np.array(outline), z_m + ROOM_HEIGHT_M, white, ceiling_holes, up=False)
+        builder.add(top, f"Ceiling of {room}", "ceiling", floor, room=room)
     for hole in floor_holes:
         builder.add(build_skirt(hole, z_m - SLAB_M, z_m, white), "Edge of the stair hole", "floor", floor)
     for piece in plan.pieces:
@@ -142,30 +152,6 @@ def _add_railings(builder: SceneBuilder, floor: str, z_m: float, paint: Material
     for start, end in (beside, at_foot):
         rail = Wall(start, end, 0.06, 0.9, 0.9, z_m, paint, paint)
         builder.add(build_wall(rail, wall_outline([rail], 0), [])[0], "Railing", "wall", floor)
-
-
-def _add_rooms(
-    builder: SceneBuilder,
-    floor: str,
-    z_m: float,
-    plan: _FloorPlan,
-    white: Material,
-    rng: np.random.Generator,
-    floor_holes: tuple[np.ndarray, ...],
-    ceiling_holes: tuple[np.ndarray, ...],
-) -> None:
-    """Floors and ceilings."""
-    for key, (x0, y0, x1, y1) in _plan().rooms.items():
-        # Floors reach to the centre lines of the walls: no gap in a doorway.
-        outline = ((x0, y0), (x1, y0), (x1, y1), (x0, y1))
-        room = plan.rooms[key]
-        builder.rooms.append(Room(room, floor, outline))
-        kind = floor_kind(room, rng)
-        covering = floor_material(kind, rng)
-        slab = build_slab(np.array(outline), z_m, covering, floor_holes, up=True, tile_m=TILE_M[kind])
-        builder.add(slab, f"Floor of {room}", "floor", floor, room=room)
-        top = build_slab(np.array(outline), z_m + ROOM_HEIGHT_M, white, ceiling_holes, up=False)
-        builder.add(top, f"Ceiling of {room}", "ceiling", floor, room=room)
 
 
 def _add_piece(

@@ -57,7 +57,6 @@ class Kind:
 
 @lru_cache(maxsize=1)
 def kinds() -> dict[str, Kind]:
-    """All kinds by name."""
     return {
         name: Kind(name, row["label"], row["fit"], tuple(row["models"]), frozenset(row["val"]))
         for name, row in _table()["kinds"].items()

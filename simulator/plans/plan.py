@@ -156,14 +156,13 @@ class _Sides:
     def _at(self, s: float, ends: tuple[int, int], sign: float) -> NDArray[np.float64]:
         if s in (self.first, self.last):
             return np.asarray(self.outline[ends[0] if s == self.first else ends[1]])
-        return np.asarray(self.start + self.along * s + sign * self._normal())
-
-    def _normal(self) -> NDArray:
-        return np.array([-self.along[1], self.along[0]]) * self.wall.thickness_m / 2
+        normal = np.array([-self.along[1], self.along[0]]) * self.wall.thickness_m / 2
+        return np.asarray(self.start + self.along * s + sign * normal)
 
     def top(self, s: float) -> float:
         """The wall's upper edge [m] at ``s``."""
-        return _top(self.wall, s)
+        wall = self.wall
+        return wall.z_m + wall.height_m + (wall.end_height_m - wall.height_m) * min(1.0, max(0.0, s / wall.length_m))
 
 
 class _Hole(NamedTuple):
@@ -244,10 +243,6 @@ def _add_solid(mesh: MeshBuilder, sides: _Sides, column: _Column, z0: float, z1:
 def _add_end(mesh: MeshBuilder, a: NDArray, b: NDArray, z: float, top: float, reveal: Material) -> None:
     """An upright face from ``a`` to ``b``."""
     mesh.quad([(*a, z), (*b, z), (*b, top), (*a, top)], reveal)
-
-
-def _top(wall: Wall, s: float) -> float:
-    return wall.z_m + wall.height_m + (wall.end_height_m - wall.height_m) * min(1.0, max(0.0, s / wall.length_m))
 
 
 def _span_on_wall(wall: Wall, outline: Polygon, start: NDArray, along: NDArray, opening: Opening) -> Span | None:

@@ -25,7 +25,6 @@ def why_no_storey(level: Level, *, roomed: bool, walled: bool, furnished: bool, 
     """Why a level is no floor, for people; empty if it may be one.
 
     Args:
-        level: of the plan.
         roomed: whether a room is drawn on it; ``walled``: whether walls stand on it; ``furnished``: whether furniture or a
             door does; ``is_below``: whether a floor lies above it.
     """

@@ -41,8 +41,6 @@ class Picture:
 
 @dataclass(frozen=True, slots=True)
 class Level:
-    """A floor of the plan."""
-
     id: str
     name: str
     z_m: float
@@ -112,8 +110,6 @@ class Piece:
 
 @dataclass(frozen=True, slots=True)
 class Home:
-    """A whole plan."""
-
     name: str
     wall_height_m: float
     levels: tuple[Level, ...]

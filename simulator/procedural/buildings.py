@@ -102,7 +102,6 @@ def plan(kind: str, rng: np.random.Generator) -> tuple[Body, list[FloorPlan]]:
 
 
 def furnished(body: Body, floor: FloorPlan, rng: np.random.Generator) -> list[RoomSpace]:
-    """The rooms of a floor with their furniture."""
     closed = () if body.stair_hall is None else (body.stair_hall.rect,)
     done = []
     for number, room in enumerate(floor.spaces):

@@ -63,13 +63,11 @@ def _data(name: str) -> bytes:
 
 @lru_cache(maxsize=1)
 def room_statistics() -> dict[str, RoomStatistics]:
-    """The measured rooms by type."""
     return msgspec.json.decode(_data("room_statistics"), type=_Measured).rooms
 
 
 @lru_cache(maxsize=1)
 def assumed_rooms() -> dict[str, AssumedRoom]:
-    """The assumed rooms by type."""
     return msgspec.json.decode(_data("assumed_rooms"), type=_Assumed).rooms
 
 

@@ -76,7 +76,6 @@ def read_light(path: Path, steps: NDArray[np.int16]) -> LightMap | None:
 
 
 def write_light(path: Path, baked: LightMap) -> None:
-    """Keeps the light in a file."""
     planes = np.ascontiguousarray(baked.light.transpose(1, 2, 0))  # like beside like: packs better
     packed = zstandard.ZstdCompressor(level=3).compress(planes.tobytes())
     write_parts(path, _KIND, [baked.steps.astype("<i2").tobytes(), packed])

@@ -141,7 +141,6 @@ class SceneBuilder:
     _triangles: int = 0
 
     def floor(self, floor_id: str) -> Floor:
-        """The floor of that id."""
         return next(floor for floor in self.floors if floor.id == floor_id)
 
     def add(self, mesh: Mesh, name: str, label: str, floor: str, *, model: str = "", room: str = "") -> int:

@@ -33,8 +33,6 @@ def barriers_of(scene: Scene, f: FloorNavigation, area: Cells, beyond: NDArray[n
     """Why robots can't get to parts of a floor, for people: each reason once, doors first.
 
     Args:
-        scene: the building.
-        f: the floor.
         area: (rows, cols) where robots live.
         beyond: (rows, cols) numbers of the parts that they can't get to; 0 elsewhere.
     """

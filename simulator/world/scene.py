@@ -134,7 +134,6 @@ class Scene:
         return below[-1] if below else self.floors[0]
 
     def labelled(self, label: str) -> tuple[Instance, ...]:
-        """All instances of a class."""
         return tuple(i for i in self.instances if i.label == label)
 
     @property

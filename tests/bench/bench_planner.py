@@ -13,12 +13,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from surveilnav.benchmark.play.episode import floor_maps
+from surveilnav.benchmark.play.sight import Sight
+from surveilnav.errors import AssetError
 from surveilnav.geometry import Grid
 from surveilnav.messages import ObjectRecord
 from surveilnav.perception.embedders.class_space import ClassSpace
+from surveilnav.robot_state import RobotState
 from surveilnav.services.fusion.core import JointMap
 from surveilnav.services.planner.core import FloorMaps, FloorMemory, MissionState, PlannerConfig, RobotView, step
 from surveilnav.services.planner.core.motion.terrain import build_terrain, travel_time_m
+from surveilnav.services.robot_node.core import status_message
+from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings
+from surveilnav.simulator.truth.choose import choose_backend
+from surveilnav.simulator.world import robot_motion
+from surveilnav.simulator.world.goals import find_goals, sample_start
 
 MODEL = ClassSpace.model
 HOME, SUBSTITUTE, TARGET, STEPS = "4_bedroom", "parametric_house", "tv", 150
@@ -87,16 +96,6 @@ def test_field(benchmark, side_cells):
 @pytest.fixture(scope="module")
 def search():
     """One search of a home, looked at from a place where it can be played again: views, what the planner was told."""
-    from surveilnav.benchmark.play.episode import map_view
-    from surveilnav.benchmark.play.sight import Sight
-    from surveilnav.errors import AssetError
-    from surveilnav.robot_state import RobotState
-    from surveilnav.services.robot_node.core import status_message
-    from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings
-    from surveilnav.simulator.truth.choose import choose_backend
-    from surveilnav.simulator.world import robot_motion
-    from surveilnav.simulator.world.goals import find_goals, sample_start
-
     try:
         building = SimulatedBuilding(SimulationSettings(building=HOME))
         building.prepare()
@@ -118,7 +117,7 @@ def search():
         seen = sight.robot(state)
         placed = joint.integrate(seen.view, seen.perception)
         told = RobotView.from_status(status_message(state, robot="r1"), "", ())
-        mission, decision = step(mission, map_view(joint, placed.floor, text, MODEL), told, PlannerConfig())
+        mission, decision = step(mission, floor_maps(joint, placed.floor, text, MODEL), told, PlannerConfig())
         steps.append((seen.view, seen.perception, told, decision.action))
         if decision.finished:
             break
@@ -128,8 +127,6 @@ def search():
 
 def test_whole_robot_step(benchmark, search):
     """Detector and embeddings left out: they are recorded."""
-    from surveilnav.benchmark.play.episode import map_view
-
     cameras, steps, text = search
     cpu_ms, plan_ms = [], []
 
@@ -141,7 +138,7 @@ def test_whole_robot_step(benchmark, search):
         for view, perception, told, action in steps:
             begin = time.process_time()
             placed = joint.integrate(view, perception)
-            maps = map_view(joint, placed.floor, text, MODEL)
+            maps = floor_maps(joint, placed.floor, text, MODEL)
             mapped = time.process_time()
             mission, decision = step(mission, maps, told, PlannerConfig())
             end = time.process_time()

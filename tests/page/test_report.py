@@ -10,7 +10,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from surveilnav.cli.report import write_report
+from surveilnav.cli.report.page import write_report
 from tests.made_up_run import made_up_run
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="playwright isn't installed: pip install -e '.[dev]'")

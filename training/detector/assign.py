@@ -66,7 +66,6 @@ def assign(logits: Tensor, boxes: Tensor, points: Tensor, targets: Targets) -> A
 
     Args:
         logits: (B, L, C). boxes: (B, L, 4) that the places predict. points: (L, 2) of the places.
-        targets: the objects.
     """
     B, L = logits.shape[:2]
     G = targets.boxes.shape[1]

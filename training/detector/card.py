@@ -32,7 +32,6 @@ def page(card: Card | None) -> str:
 
 
 def main() -> None:
-    """See the module's docstring."""
     path = models.model_called("compact").built_in_path
     print(page(models.card_of(path) if path.exists() else None), end="")
 

@@ -51,7 +51,6 @@ class Classes:
 
 @cache
 def load() -> Classes:
-    """The classes of ``compact``."""
     table = msgspec.json.decode(_FILE.read_bytes(), type=_Table)
     number_of = {canonical(word): i for i, words in enumerate(table.classes.values()) for word in words}
     kinds = {word: i for i, words in enumerate(table.rooms.values()) for word in words}

@@ -82,7 +82,6 @@ class Views:
         return sum(map(len, self._rows.values()))
 
     def batch(self, step: int, size: int) -> Batch:
-        """The batch of a step."""
         rng = np.random.default_rng([self._seed, step])
         kinds: list[Kind] = [kind for kind in ("robot", "camera") if self._rows[kind]]
         kind = kinds[0] if len(kinds) == 1 or rng.random() < _ROBOT_SHARE else kinds[1]

@@ -141,7 +141,6 @@ def times_ms(detectors: Sequence[Finds], seen: TrainingView, n: int = 20) -> dic
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """See the module's docstring."""
     parser = argparse.ArgumentParser(prog="training.detector.evaluate", description=__doc__.partition("\n")[0])
     parser.add_argument("--network", type=Path, required=True, help="the ONNX file")
     parser.add_argument("--views", type=Path, required=True, help="packs made with --as-sensed")

@@ -115,7 +115,6 @@ def _network_of(kept: dict[str, Any]) -> Compact:
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """See the module's docstring."""
     parser = argparse.ArgumentParser(prog="training.detector.export", description=__doc__.partition("\n")[0])
     parser.add_argument("--checkpoint", type=Path, required=True)
     parser.add_argument("--out", type=Path, required=True)

@@ -77,7 +77,6 @@ def _slice(text: str) -> slice:
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """See the module's docstring."""
     parser = argparse.ArgumentParser(prog="training.detector.make_views", description=__doc__.partition("\n")[0])
     parser.add_argument("--split", choices=sorted(SPLITS), default="train")
     parser.add_argument("--out", type=Path, required=True, help="a folder; files that it holds are kept")

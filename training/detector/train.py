@@ -58,7 +58,6 @@ class Plan:
     workers: int = 1
 
     def rate_at(self, step: int) -> float:
-        """The learning rate of a step."""
         if step < self.warm_up:
             return self.rate * (step + 1) / self.warm_up
         share = (step - self.warm_up) / max(1, self.steps - self.warm_up)
@@ -228,7 +227,6 @@ def _curve(path: Path, step: int) -> Iterator[Any]:
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """See the module's docstring."""
     parser = argparse.ArgumentParser(prog="training.detector.train", description=__doc__.partition("\n")[0])
     parser.add_argument("--views", type=Path, nargs="+", required=True, help="folders of packs")
     parser.add_argument("--out", type=Path, required=True, help="folder of the run")

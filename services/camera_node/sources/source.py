@@ -13,6 +13,9 @@ from surveilnav.geometry import Pinhole, Pose
 from surveilnav.messages import CaptureClock, DepthSource, StreamStatus
 from surveilnav.sensing.views import TrueInstances
 
+#: Whether pictures come with depth.
+Tier = Literal["jpeg+depth", "jpeg"]
+
 
 @dataclass(frozen=True, slots=True)
 class Place:
@@ -66,7 +69,7 @@ class Source(Protocol):
     views: Sequence[Pose]
     intrinsics: Pinhole
     depth_range_m: tuple[float, float]
-    tier: Literal["jpeg+depth", "jpeg"]
+    tier: Tier
 
     @property
     def stream(self) -> StreamStatus:

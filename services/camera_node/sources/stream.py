@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from surveilnav.cameras_file import CameraEntry
 from surveilnav.cameras_file.views import views_of
+from surveilnav.geometry import Pose
 from surveilnav.geometry.polygon import pixels_in
 from surveilnav.messages import StreamStatus
 from surveilnav.services.camera_node.core.change import ChangeDetector
 from surveilnav.services.camera_node.core.stream_health import FrameStatistics, StreamHealth
 from surveilnav.services.camera_node.sources.readers.reader import CapturedFrame, FrameReader, StreamError
-from surveilnav.services.camera_node.sources.source import Picture, Place
+from surveilnav.services.camera_node.sources.source import Picture, Place, Tier
 
 #: A picture is sent anew after this time even if nothing has changed, so that others know that the camera still sees.
 REFRESH_S = 600.0
@@ -42,7 +42,7 @@ class StreamSource:
     """
 
     depth_range_m = (0.1, 100.0)
-    tier: Literal["jpeg"] = "jpeg"
+    tier: Tier = "jpeg"
 
     def __init__(
         self,
@@ -54,7 +54,8 @@ class StreamSource:
     ) -> None:
         made = views_of(entry)
         self.place = Place(entry.name, entry.floor, entry.position_m, entry.position_m[2] - floor_z_m, entry.label)
-        self.views, self.intrinsics, self._undistortions = made.poses, made.intrinsics, made.undistortions
+        self.views: Sequence[Pose] = made.poses
+        self.intrinsics, self._undistortions = made.intrinsics, made.undistortions
         self._make_reader, self._max_age_s, self._log = make_reader, max_age_s, log
         self._size_px = entry.lens.width_px, entry.lens.height_px
         self._zones = pixels_in(entry.zones, *self._size_px) if entry.zones else None

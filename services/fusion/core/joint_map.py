@@ -35,7 +35,6 @@ class IntegrationResult:
         revision: revision of the joint map after the view.
         n_points: number of its points in the cloud.
         n_located: number of its detections that could be located in the world.
-        changes: events of objects.
     """
 
     floor: str
@@ -47,8 +46,6 @@ class IntegrationResult:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _FloorMaps:
-    """The maps of one floor."""
-
     geometry: FloorMap
     value: ValueMap
     objects: ObjectMap
@@ -226,7 +223,6 @@ class JointMap:
         return geometry.grid, maps.value.layer(geometry.grid, text_embedding, embedding_model)
 
     def knows(self, floor: str) -> bool:
-        """Whether there is a map of a floor."""
         return self._name_of.get(floor, floor) in self._floors
 
     def pending_value(
@@ -375,7 +371,6 @@ class JointMap:
 
     @classmethod
     def from_state(cls, state: dict[str, Any], config: FusionConfig) -> JointMap:
-        """The joint maps that ``state`` describes."""
         joint = cls(config)
         joint.revision, joint._name_of = state["revision"], dict(state["name_of"])
         joint.validator = ViewValidator.from_state(state["validator"], config.validation)

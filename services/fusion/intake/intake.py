@@ -26,7 +26,6 @@ class ViewIntake:
     """Takes frames from the bus and returns them as perceived views.
 
     Attributes:
-        positions: the positions that robots report.
         texts: embeds texts with the model that embeds the views.
     """
 

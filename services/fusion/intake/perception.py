@@ -88,14 +88,12 @@ class PerceptionClient:
             self._lock.notify_all()
 
     def withdraw(self, source: str) -> None:
-        """Removes the waiting frames of a source."""
         with self._lock:
             for lane in (self._robots, self._cameras):
                 for key in [k for k in lane.waiting if k[0] == source]:
                     del lane.waiting[key]
 
     def pop_robots(self) -> list[PerceivedView]:
-        """All perceived views of robots."""
         return _drain(self._robots.done, 1000)
 
     def pop_cameras(self, max_views: int) -> list[PerceivedView]:

@@ -28,7 +28,6 @@ class PictureCache:
             self._drop(next(iter(self._frames)))
 
     def drop_source(self, source: str) -> None:
-        """Drops the pictures of a camera ("camera/<id>")."""
         for key in [key for key in self._frames if key[0] == source]:
             self._drop(key)
 

@@ -32,9 +32,7 @@ class RobotPositions:
             self._by_floor[header.floor] = RobotPosition(x_m, y_m, z_m - header.mounting_offset_m)
 
     def latest_on(self, floor: str) -> RobotPosition | None:
-        """The latest position of a robot on a floor."""
         return self._by_floor.get(floor)
 
     def items(self) -> list[tuple[str, RobotPosition]]:
-        """The latest positions with their floors."""
         return list(self._by_floor.items())

@@ -29,8 +29,6 @@ class InvokedCamera:
     """A camera whose frames are subscribed to.
 
     Attributes:
-        slots: the subscription of each view.
-        arrived: the views that have arrived.
         resend_at_s: when views that haven't arrived are requested again.
         patience_s: time until the next such request; it doubles each time.
         is_silent: whether the camera neither sends nor answers, so that nobody should wait for its views.

@@ -33,11 +33,9 @@ class SearchedWords:
 
     @property
     def is_idle(self) -> bool:
-        """Whether no mission is open."""
         return not self._targets()
 
     def _targets(self) -> list[str]:
-        """The targets of open missions."""
         rows = self._missions.rows() if self._node.alive("planner") else []
         return [row.message.target for row in rows if row.message.state not in FINISHED_STATES]
 

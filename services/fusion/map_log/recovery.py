@@ -63,7 +63,6 @@ def logged_views(store: Store, node: Node, after: int) -> Iterator[tuple[int, Pe
 
 
 def entry_from_perceived(p: PerceivedView) -> Entry:
-    """The log entry of a perceived view."""
     source, view = p.key
     return Entry(source, view, msgspec.msgpack.encode(p.header), bytes(p.payload), p.reply, p.digest, p.fault)
 

@@ -90,7 +90,6 @@ class SnapshotWriter:
             self._node.warn_seldom("what was set aside can't be removed", error=str(error))
 
     def wait(self) -> None:
-        """Waits until the snapshot that is being written is finished."""
         if self._thread is not None:
             self._thread.join()
 
@@ -123,7 +122,6 @@ class PictureAge:
         self._snapshots_wanted, self._retry_at_s = 2, 0.0
 
     def record_logged(self, now_s: float) -> None:
-        """Records that a view was logged."""
         self._oldest_new_s = now_s if self._oldest_new_s is None else self._oldest_new_s
 
     def record_snapshot(self, now_s: float) -> bool:

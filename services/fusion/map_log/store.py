@@ -236,7 +236,6 @@ class Store:
         return aside
 
     def close(self) -> None:
-        """Closes the file."""
         with self._lock:
             if self._connection is not None:
                 self._connection.close()

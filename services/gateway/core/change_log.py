@@ -61,7 +61,6 @@ class EventLog:
         return entry
 
     def id_of(self, number: int) -> str:
-        """The id of the event with that number."""
         return f"{self._epoch}-{number}"
 
     def position(self, last_id: str | None) -> ReadPosition:

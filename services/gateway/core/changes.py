@@ -70,7 +70,6 @@ class Tracked(Generic[S]):
         return self._changes(id, before, state)
 
     def get(self, id: str) -> S | None:
-        """The newest state of a thing."""
         return (self._known or {}).get(id)
 
     def _changes(self, id: str, before: S | None, now: S | None) -> list[Change[S]]:

@@ -116,7 +116,6 @@ def client_address(peer: str, forwarded: Sequence[str], trusted: Networks) -> st
     Args:
         peer: the other end of the connection; "" where there is none, as in tests.
         forwarded: the values of all ``X-Forwarded-For`` headers, in their order.
-        trusted: the proxies.
     """
     client = peer
     for entry in reversed([e.strip() for value in forwarded for e in value.split(",")]):

@@ -60,7 +60,6 @@ class BuildingMetrics:
     events: int
 
     def collect(self) -> Iterator[Metric]:
-        """All metrics."""
         yield from _camera_metrics(self)
         yield from _floor_metrics(self)
         yield from _node_metrics(self)

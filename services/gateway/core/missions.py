@@ -65,5 +65,4 @@ def time_remaining_s(status: m.MissionStatus) -> float | None:
 
 
 def plan_from_message(plan: m.Plan, seen_ns: int, planner_alive: bool) -> MissionPlan:
-    """The newest plan of a mission."""
     return resource_from(MissionPlan, plan, last_seen=utc(seen_ns), stale=not planner_alive)

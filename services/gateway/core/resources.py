@@ -220,7 +220,6 @@ def robot_from_status(status: m.RobotStatus, mission: str | None, seen_ns: int, 
 
 
 def worker_from_load(load: m.WorkerLoad, seen_ns: int, stale: bool) -> Worker:
-    """A perception worker as it reports itself."""
     stages = {
         name: StageTimes(views=sum(counts), p50_ms=quantile_ms(counts, 0.5), p95_ms=quantile_ms(counts, 0.95))
         for name, counts in load.times.items()
@@ -250,7 +249,6 @@ def readiness_from_nodes(routers: int, alive: dict[str, set[str]]) -> Readiness:
 
 
 def service_from_state(state: m.ServiceState, seen_ns: int, stale: bool) -> Service:
-    """A process as its supervisor reports it."""
     return resource_from(
         Service, state, id=state.name, restarted=utc(state.restarted_ns), last_seen=utc(seen_ns), stale=stale
     )
@@ -260,7 +258,6 @@ def service_from_state(state: m.ServiceState, seen_ns: int, stale: bool) -> Serv
 
 
 def recording_from_message(recording: m.Recording, recorder: str, root: str = ROOT) -> Recording:
-    """A file that a recorder reports."""
     return resource_from(
         Recording,
         recording,
@@ -272,10 +269,8 @@ def recording_from_message(recording: m.Recording, recorder: str, root: str = RO
 
 
 def recorder_from_status(status: m.RecorderStatus, seen_ns: int, stale: bool) -> Recorder:
-    """A recorder as it reports itself."""
     return resource_from(Recorder, status, id=status.recorder, last_seen=utc(seen_ns), stale=stale)
 
 
 def replay_from_status(status: m.ReplayStatus, seen_ns: int, stale: bool) -> Replay:
-    """A replay as its player reports it."""
     return resource_from(Replay, status, began=utc(status.began_ns), last_seen=utc(seen_ns), stale=stale)

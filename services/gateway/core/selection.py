@@ -54,8 +54,6 @@ def page_after(
     A cursor names a place in the list by the last row before it, so pages don't shift when newer rows come.
 
     Args:
-        rows: the whole list.
-        sort_key: see ``SortKey``.
         cursor: begin after that place; None: begin at ``offset``.
         offset: how many rows to skip, where there is no cursor.
         limit: the most rows of a page.

@@ -69,5 +69,4 @@ def content_key(request: InferRequest, payload: bytes, models: ModelIds, program
 
 
 def text_key(text: str) -> bytes:
-    """Hash of a text."""
     return hashlib.blake2b(text.encode(errors="surrogatepass"), digest_size=16).digest()

@@ -75,7 +75,6 @@ class CachedReply(msgspec.Struct, frozen=True):
         )
 
     def to_bytes(self) -> bytes:
-        """Encodes the entry for the cache."""
         return bytes(memoryview(msgspec.msgpack.encode(self)))  # a copy: the encoder's own lies in a larger block
 
     @classmethod

@@ -5,7 +5,7 @@ memory/     what a mission remembers, and every method that changes it
 goals/      what the robot may head for: objects, frontiers, floors, stairs (questions only)
 motion/     how it gets there: terrain, Fast Marching, the local planner
 behaviours/ what it does on the way and at a waypoint: explore, approach an object, take stairs
-stages/     the kinds of waypoints, one file each, and the order in which they are tried (``rounds``)
+stages/     the kinds of waypoints, and the order in which they are tried (``rounds``)
 config      every number
 warm_up     compiles the inner loops before a robot waits for them
 """

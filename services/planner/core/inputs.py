@@ -22,7 +22,6 @@ class FloorMaps:
         grid: frame of all layers; each layer is (rows, cols).
         occupancy, explored, frontier: uint8, 0 or 1.
         value: float32, relevance to the mission's target; NaN where unknown.
-        objects: the objects of the floor.
         revision: the number of this state of the maps.
         pending_views: how many views of this floor's cameras haven't been integrated yet.
     """

@@ -21,9 +21,9 @@ from surveilnav.services.planner.core.goals.unchosen_objects import unchosen_obj
 from surveilnav.services.planner.core.inputs import FloorMaps, RobotView
 from surveilnav.services.planner.core.memory.mission_state import MissionState
 from surveilnav.services.planner.core.motion.drive import FmmPlanner, LocalPlanner
-from surveilnav.services.planner.core.stages.confirmed_target import leave_outdone_object
 from surveilnav.services.planner.core.stages.initial_scan import initial_scan
 from surveilnav.services.planner.core.stages.last_resort import accept_when_steps_run_out
+from surveilnav.services.planner.core.stages.objects import leave_outdone_object
 from surveilnav.services.planner.core.stages.rounds import first_decision
 
 _FMM = FmmPlanner()
@@ -48,7 +48,6 @@ def step(
         state: what the mission remembers; not changed.
         maps: the joint maps of the robot's floor, with the robot's observation ``robot.seq`` integrated.
         robot: the robot at that observation.
-        config: the core's settings.
         planner: drives to goal cells.
         summaries: by floor, label -> highest confidence that the cameras of that floor last reported.
         rule: chooses the frontier to explore.

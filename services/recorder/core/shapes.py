@@ -32,7 +32,6 @@ def upright_pose(x_m: float, y_m: float, z_m: float) -> FoxglovePose:
 
 
 def to_pose(pose: Pose) -> FoxglovePose:
-    """A pose as Foxglove's."""
     (x, y, z), (qx, qy, qz, qw) = pose.translation_m, pose.quaternion_xyzw
     return FoxglovePose(position=Vector3(x=x, y=y, z=z), orientation=Quaternion(x=qx, y=qy, z=qz, w=qw))
 

@@ -56,7 +56,6 @@ class Received(Generic[M]):
 
     @property
     def age_s(self) -> float:
-        """Seconds since it arrived."""
         return (clock_ns() - self.received_ns) / 1e9
 
 
@@ -66,7 +65,7 @@ class Connection:
     Attributes:
         stopping: set when the process ends.
         wake: set whenever something arrived that a loop may wait for.
-        large_answer: held while waiting for an answer that may be left out; see ``queries.ask``.
+        large_answer: held while waiting for an answer that may be left out; see ``queries.Question``.
     """
 
     def __init__(self, name: str, settings: BusSettings) -> None:

@@ -20,11 +20,10 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Any
 
-from surveilnav.bus import queries
 from surveilnav.bus.connection import Connection, Received
 from surveilnav.bus.presence import Presence
 from surveilnav.bus.publishing import LatestMessage, Publisher, Subscription, Table
-from surveilnav.bus.queries import Answer, Handler, QueryServer, RetryAfterMs
+from surveilnav.bus.queries import Answer, Handler, QueryServer, Question, RetryAfterMs
 from surveilnav.bus.settings import BusSettings
 from surveilnav.bus.traffic import wire_bytes
 from surveilnav.bus.wire import clock_ns
@@ -148,7 +147,6 @@ class Node:
         return self._connection.key(stream, **ids)
 
     def publisher(self, stream: Stream, **ids: object) -> Publisher:
-        """Publishes messages on one key."""
         return Publisher(self._connection, stream, self.key(stream, **ids))
 
     def latest(self, stream: Stream, **ids: object) -> LatestMessage[Any]:
@@ -217,15 +215,7 @@ class Node:
             Unanswered: nobody serves the key, or (``timed_out``) not in time.
         """
         timeout_s = timeout_s if timeout_s is not None else stream.max_age_ms / 1000
-        return queries.ask(
-            self._connection,
-            stream,
-            self.key(stream, **ids),
-            request,
-            payload=payload,
-            timeout_s=timeout_s,
-            parameters=parameters,
-        )
+        return Question(self._connection, stream, self.key(stream, **ids), request, payload, parameters).ask(timeout_s)
 
     def ask_all(
         self,
@@ -237,8 +227,8 @@ class Node:
         **ids: object,
     ) -> list[Received[Any]]:
         """Sends a query to all who serve the key, and returns the answers that arrive in time, without errors."""
-        key = self.key(stream, **ids)
-        return queries.ask_all(self._connection, stream, key, request, timeout_s=timeout_s, parameters=parameters)
+        question = Question(self._connection, stream, self.key(stream, **ids), request, parameters=parameters)
+        return question.ask_all(timeout_s)
 
     # --- presence -------------------------------------------------------------------------------------------------
 

@@ -9,7 +9,7 @@ from typing import Any, Generic
 import zenoh
 
 from surveilnav.bus.connection import CONGESTION, PRIORITY, Connection, M, Received, bus_errors, check_size, encoding_of
-from surveilnav.bus.queries import ask_all
+from surveilnav.bus.queries import Question
 from surveilnav.bus.wire import encode
 from surveilnav.contract import Stream
 from surveilnav.messages.base import Message
@@ -47,7 +47,6 @@ class Publisher:
         self._connection.traffic.count(self.key, "offered", len(header) + len(payload) + len(self.key))
 
     def close(self) -> None:
-        """Withdraws the publisher."""
         self._publisher.undeclare()  # type: ignore[no-untyped-call]
 
 
@@ -64,7 +63,6 @@ class LatestMessage(Generic[M]):
         return None if sample is None else self._connection.decode(self._stream, sample)
 
     def close(self) -> None:
-        """Stops listening."""
         self._subscriber.undeclare()  # type: ignore[no-untyped-call]
 
 
@@ -81,7 +79,6 @@ class Subscription(Generic[M]):
         self._subscriber = connection.session.declare_subscriber(key, on_sample)
 
     def close(self) -> None:
-        """Stops listening."""
         self._subscriber.undeclare()  # type: ignore[no-untyped-call]
 
 
@@ -110,7 +107,7 @@ class Table(Generic[M]):
         self._lock = threading.Lock()
         self._subscriber = connection.session.declare_subscriber(key, self._on_sample)
         if "query" in stream.kind:
-            for received in ask_all(connection, stream, key, timeout_s=1.0):
+            for received in Question(connection, stream, key).ask_all(1.0):
                 self._store(received)
 
     def _on_sample(self, sample: Any) -> None:
@@ -155,5 +152,4 @@ class Table(Generic[M]):
             self._rows = {}
 
     def close(self) -> None:
-        """Stops listening."""
         self._subscriber.undeclare()  # type: ignore[no-untyped-call]

@@ -207,138 +207,112 @@ class QueryServer:
             query.drop()
 
 
-def ask(
-    connection: Connection,
-    stream: Stream,
-    key: str,
-    request: Message | None = None,
-    *,
-    payload: bytes = b"",
-    timeout_s: float,
-    parameters: dict[str, str] | None = None,
-) -> Received[Any]:
-    """Sends a query and returns its one answer. If answers of the stream may be left out, it is repeated until one arrives.
+@dataclass(frozen=True, slots=True)
+class Question:
+    """A query to a key of a stream."""
 
-    Raises:
-        Refused: the answer is an error.
-        Unanswered: nobody serves the key, or (``timed_out``) not in time.
-    """
-    until_s = time.monotonic() + timeout_s
-    with _one_large_answer_at_a_time(connection, stream, key, timeout_s):
-        while (left_s := until_s - time.monotonic()) > 0:
-            if received := _ask_once(connection, stream, key, request, payload, left_s, parameters):
-                return received
-            if stream.when_full == "wait" or not _is_served(connection, key):
-                raise Unanswered(f"no answer from {key}: nobody is there", timed_out=False)
-            if connection.stopping.wait(_RETRY_S):
-                break
-    raise Unanswered(f"no answer from {key}: a link on its way is full", timed_out=True)
+    connection: Connection
+    stream: Stream
+    key: str
+    request: Message | None = None
+    payload: bytes = b""
+    parameters: dict[str, str] | None = None
 
+    def ask(self, timeout_s: float) -> Received[Any]:
+        """Sends it and returns its one answer. If answers of the stream may be left out, it is repeated until one arrives.
 
-@contextmanager
-def _one_large_answer_at_a_time(connection: Connection, stream: Stream, key: str, timeout_s: float) -> Iterator[None]:
-    """Has a process wait for only one answer that may be left out: on a slow link, two would crowd out each other.
+        Raises:
+            Refused: the answer is an error.
+            Unanswered: nobody serves the key, or (``timed_out``) not in time.
+        """
+        until_s = time.monotonic() + timeout_s
+        with self._one_large_answer_at_a_time(timeout_s):
+            while (left_s := until_s - time.monotonic()) > 0:
+                if received := self._ask_once(left_s):
+                    return received
+                if self.stream.when_full == "wait" or not self._is_served():
+                    raise Unanswered(f"no answer from {self.key}: nobody is there", timed_out=False)
+                if self.connection.stopping.wait(_RETRY_S):
+                    break
+        raise Unanswered(f"no answer from {self.key}: a link on its way is full", timed_out=True)
 
-    Raises:
-        Unanswered: another one took too long.
-    """
-    if stream.when_full == "wait":
-        yield
-        return
-    if not connection.large_answer.acquire(timeout=timeout_s):
-        raise Unanswered(f"no answer from {key}: this process waited {timeout_s:g} s for others", timed_out=True)
-    try:
-        yield
-    finally:
-        connection.large_answer.release()
+    def ask_all(self, timeout_s: float) -> list[Received[Any]]:
+        """Sends it to all who serve the key, and returns the answers that arrive in time, without errors."""
+        replies = (reply.ok for reply in self._replies(timeout_s) if reply.ok is not None)
+        answers = [self.connection.decode(self.stream, reply) for reply in replies]
+        return [answer for answer in answers if answer is not None]
 
+    @contextmanager
+    def _one_large_answer_at_a_time(self, timeout_s: float) -> Iterator[None]:
+        """Has a process wait for only one answer that may be left out: on a slow link, two would crowd out each other.
 
-def _ask_once(
-    connection: Connection,
-    stream: Stream,
-    key: str,
-    request: Message | None,
-    payload: bytes,
-    timeout_s: float,
-    parameters: dict[str, str] | None,
-) -> Received[Any] | None:
-    """The answer; None if none came and none will. Raises Refused or Unanswered."""
-    refused: Refused | None = None
-    timed_out = unreadable = False
-    for reply in _replies(connection, stream, key, request, payload, timeout_s, parameters):
-        if reply.ok is not None:
-            if received := connection.decode(stream, reply.ok):
-                return received
-            unreadable = True
-        elif (refused := _refusal(reply.err)) is None:
-            timed_out = True
-    if refused:
-        raise refused
-    if timed_out or unreadable:
-        why = f"not within {timeout_s:.3g} s" if timed_out else "what came can't be read"
-        raise Unanswered(f"no answer from {key}: {why}", timed_out=timed_out)
-    return None
-
-
-def _is_served(connection: Connection, key: str) -> bool:
-    """Whether somebody serves ``key``. Without asking, an answer that was left out looks as if nobody did."""
-    with bus_errors(key):
-        querier = connection.session.declare_querier(key)
+        Raises:
+            Unanswered: another one took too long.
+        """
+        if self.stream.when_full == "wait":
+            yield
+            return
+        if not self.connection.large_answer.acquire(timeout=timeout_s):
+            why = f"this process waited {timeout_s:g} s for others"
+            raise Unanswered(f"no answer from {self.key}: {why}", timed_out=True)
         try:
-            for _ in range(_DISCOVERY_MS // 10):
-                if querier.matching_status.matching:  # type: ignore[attr-defined]
-                    return True
-                time.sleep(0.01)
-            return False
+            yield
         finally:
-            querier.undeclare()  # type: ignore[no-untyped-call]
+            self.connection.large_answer.release()
 
+    def _ask_once(self, timeout_s: float) -> Received[Any] | None:
+        """The answer; None if none came and none will. Raises Refused or Unanswered."""
+        refused: Refused | None = None
+        timed_out = unreadable = False
+        for reply in self._replies(timeout_s):
+            if reply.ok is not None:
+                if received := self.connection.decode(self.stream, reply.ok):
+                    return received
+                unreadable = True
+            elif (refused := _refusal(reply.err)) is None:
+                timed_out = True
+        if refused:
+            raise refused
+        if timed_out or unreadable:
+            why = f"not within {timeout_s:.3g} s" if timed_out else "what came can't be read"
+            raise Unanswered(f"no answer from {self.key}: {why}", timed_out=timed_out)
+        return None
 
-def ask_all(
-    connection: Connection,
-    stream: Stream,
-    key: str,
-    request: Message | None = None,
-    *,
-    timeout_s: float,
-    parameters: dict[str, str] | None = None,
-) -> list[Received[Any]]:
-    """Sends a query to all who serve a key, and returns the answers that arrive in time, without errors."""
-    replies = _replies(connection, stream, key, request, b"", timeout_s, parameters)
-    answers = [connection.decode(stream, reply.ok) for reply in replies if reply.ok is not None]
-    return [answer for answer in answers if answer is not None]
+    def _is_served(self) -> bool:
+        """Whether somebody serves the key. Without asking, an answer that was left out looks as if nobody did."""
+        with bus_errors(self.key):
+            querier = self.connection.session.declare_querier(self.key)
+            try:
+                for _ in range(_DISCOVERY_MS // 10):
+                    if querier.matching_status.matching:  # type: ignore[attr-defined]
+                        return True
+                    time.sleep(0.01)
+                return False
+            finally:
+                querier.undeclare()  # type: ignore[no-untyped-call]
 
-
-def _replies(
-    connection: Connection,
-    stream: Stream,
-    key: str,
-    request: Message | None,
-    payload: bytes,
-    timeout_s: float,
-    parameters: dict[str, str] | None,
-) -> Iterator[Any]:
-    options: dict[str, Any] = {}
-    header = b""
-    if request is not None:
-        header = encode(request)
-        options["encoding"] = encoding_of(type(request))
-        options |= {"payload": payload, "attachment": header} if payload else {"payload": header}
-    check_size(key, header, payload)
-    selector: Any = key
-    if parameters:
-        selector = f"{key}?" + ";".join(f"{quote(k)}={quote(v)}" for k, v in parameters.items())
-    connection.traffic.count(key, "offered", len(header) + len(payload) + len(key))
-    with bus_errors(key):
-        replies = connection.session.get(
-            selector,
-            timeout=timeout_s,
-            consolidation=zenoh.ConsolidationMode.NONE,
-            priority=PRIORITY[stream.priority],
-            congestion_control=CONGESTION[stream.when_full],
-            **options,
-        )
-    yield from replies
+    def _replies(self, timeout_s: float) -> Iterator[Any]:
+        options: dict[str, Any] = {}
+        header = b""
+        if self.request is not None:
+            header = encode(self.request)
+            options["encoding"] = encoding_of(type(self.request))
+            options |= {"payload": self.payload, "attachment": header} if self.payload else {"payload": header}
+        check_size(self.key, header, self.payload)
+        selector: Any = self.key
+        if self.parameters:
+            selector = f"{self.key}?" + ";".join(f"{quote(k)}={quote(v)}" for k, v in self.parameters.items())
+        self.connection.traffic.count(self.key, "offered", len(header) + len(self.payload) + len(self.key))
+        with bus_errors(self.key):
+            replies = self.connection.session.get(
+                selector,
+                timeout=timeout_s,
+                consolidation=zenoh.ConsolidationMode.NONE,
+                priority=PRIORITY[self.stream.priority],
+                congestion_control=CONGESTION[self.stream.when_full],
+                **options,
+            )
+        yield from replies
 
 
 def _refusal(err: Any) -> Refused | None:

@@ -62,7 +62,6 @@ class TrafficMeter:
             return dict(self._rejected)
 
     def offered_bytes(self, key: str) -> int:
-        """Bytes published on one key so far."""
         with self._lock:
             return self._bytes[key, "offered"]
 

@@ -168,7 +168,7 @@ def _sentence(error: Any) -> str:
 
 def _line_of(node: yaml.Node, path: Sequence[int | str]) -> int:
     """The line of the entry at a path; that of the nearest entry around it if there is none."""
-    line = node.start_mark.line + 1
+    line: int = node.start_mark.line + 1
     for part in path:
         if isinstance(node, yaml.MappingNode):
             child = next(((k, v) for k, v in node.value if k.value == part), None)

@@ -44,8 +44,6 @@ def follow(
     """The events after ``last_id``, without end, over as many connections as it takes.
 
     Args:
-        http: with the gateway's address.
-        path: of the stream.
         last_id: the id of the last event that was received before; "" for none.
         parse: makes an event's data of its kind and JSON.
         refusal: makes an exception of an error answer.

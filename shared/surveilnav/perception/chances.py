@@ -68,8 +68,6 @@ class ChanceTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """The probability that a detection is right, 0-1. It never falls when the score rises.
 
         Args:
-            label: the detection's class.
-            score: the detector's.
             size_rad: square root of the solid angle of its box.
             range_m: median range of its points; 0: unknown.
             is_camera: whether a surveillance camera took the view, not a robot.

@@ -36,7 +36,6 @@ def choose_backend(
     """Makes the backend of that name; for "auto", the best one that can run here.
 
     Args:
-        networks: settings of the models.
         simulated: whether the building is simulated, which decides what is best.
         others: by name, the backends of a simulator, which this library doesn't know.
         fallback: the one of them that "auto" takes if no real detector can run; empty: none.

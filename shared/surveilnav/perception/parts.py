@@ -92,10 +92,8 @@ def load_detector(
 
     Args:
         name: name of a model, or a folder.
-        runtime: where and how it runs.
         words_per_pass: number of words in a text of Grounding DINO; 0: as many as fit.
         threshold: the score that a box needs; None: the one of its paper.
-        download: whether the model may be downloaded.
 
     Raises:
         PerceptionError: the model can't be found, is incomplete, or is no detector.

@@ -68,7 +68,6 @@ def load_model(kind: Any, path: Path, model_types: Sequence[str], runtime: Runti
         kind: its class in transformers.
         path: the folder, with config.json and weights.
         model_types: the model types that its config.json may state.
-        runtime: where and how it runs.
 
     Raises:
         PerceptionError: the folder is missing, contains another model, or lacks weights.
@@ -141,8 +140,6 @@ def tokenize(
     """``input_ids`` and ``attention_mask`` (N, T) of N texts, padded to the length that the model was trained with.
 
     Args:
-        tokenizer: the model's.
-        texts: N texts.
         max_tokens: length of a text, unless the tokenizer has a lower limit.
         refuse_long: raises an error for texts that are too long; otherwise they are cut.
 

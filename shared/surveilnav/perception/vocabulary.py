@@ -15,10 +15,10 @@ Names have the canonical spelling of ``surveilnav.words``. People's words for a 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from difflib import SequenceMatcher
 from functools import cache, cached_property
-from itertools import product
+from itertools import chain, product
 from pathlib import Path
 from types import MappingProxyType
 from typing import TypeVar, overload
@@ -133,7 +133,9 @@ class Vocabulary(Sequence[str]):
 
     def _similarity(self, word: str, name: str) -> float:
         """Similarity of a word's spelling to a class's name or synonyms, 0-1; 0 if it is below the thresholds."""
-        own = max([_similarity(word, name), *(_PART * _similarity(a, b) for a, b in _pairs(word, name))])
+        own = max(
+            [_similarity(word, name), *(_PART * _similarity(a, b) for a, b in product(word.split(), name.split()))]
+        )
         other = max((_similarity(word, phrase, _NEAR_SYNONYM) for phrase in self._phrases[name]), default=0.0)
         return max(own if own >= _NEAR else 0.0, other)
 
@@ -144,7 +146,9 @@ class Vocabulary(Sequence[str]):
         others: dict[str, list[str]] = {name: [] for name in self}
         for word, name in self._meanings.items():
             others[name].append(word)
-        return {name: tuple(_joined(phrases.get(thing, ()) for thing in (name, *others[name]))) for name in self}
+        return {
+            name: tuple(chain.from_iterable(phrases.get(thing, ()) for thing in (name, *others[name]))) for name in self
+        }
 
     def priors(self, section: str, kind: type[Section]) -> Section:
         """A section of ``priors.json``, as a struct of type ``kind``.
@@ -180,14 +184,6 @@ def _similarity(a: str, b: str, minimum: float = 0.0) -> float:
         return 0.0
     ratio = matcher.ratio()
     return ratio if ratio >= minimum else 0.0
-
-
-def _joined(parts: Iterable[Sequence[str]]) -> Iterator[str]:
-    return (phrase for part in parts for phrase in part)
-
-
-def _pairs(a: str, b: str) -> Iterator[tuple[str, str]]:
-    return product(a.split(), b.split())
 
 
 @cache

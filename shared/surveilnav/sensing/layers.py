@@ -15,9 +15,6 @@ GRID_LAYERS = {"occupancy": "uint8", "explored": "uint8", "frontier": "uint8", "
 def unpack_layer(layer: str, header: LayerHeader, payload: bytes) -> NDArray:
     """The cells (rows, cols) of a grid layer; row 0 is the southernmost.
 
-    Args:
-        layer: the layer that was requested.
-
     Raises:
         WireError: it is another layer, or header and payload don't fit each other.
     """

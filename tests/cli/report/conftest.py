@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import pytest
 
-from surveilnav.cli.report import RunRecord
+from surveilnav.cli.report.record import RunRecord
 from surveilnav.messages import CameraInfo
 from tests.made_up_run import made_up_run, make_camera
 

@@ -13,9 +13,10 @@ import msgspec
 import numpy as np
 import pytest
 
-from surveilnav.cli.report import MapMoment, RunRecord, Step, write_report
 from surveilnav.cli.report.film import film_of
 from surveilnav.cli.report.key_moments import key_moments
+from surveilnav.cli.report.page import write_report
+from surveilnav.cli.report.record import MapMoment, RunRecord, Step
 from surveilnav.cli.report.small_pictures import small_pictures
 from surveilnav.cli.report.why import reasons
 from surveilnav.geometry import Grid

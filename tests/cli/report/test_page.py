@@ -13,7 +13,9 @@ import msgspec
 import numpy as np
 import pytest
 
-from surveilnav.cli.report import DecidingView, RunRecord, Step, TrafficLine, outcome, write_report
+from surveilnav.cli.report.page import write_report
+from surveilnav.cli.report.record import DecidingView, RunRecord, Step, TrafficLine
+from surveilnav.cli.report.words import outcome
 from surveilnav.messages import MissionStatus
 
 

@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 
 from surveilnav import contract
-from surveilnav.cli.report import run_json, traffic_lines
+from surveilnav.cli.report.record import run_json, traffic_lines
 from surveilnav.messages import TrafficReport, TrafficRow
 
 

@@ -31,7 +31,7 @@ from surveilnav.services.planner.core.memory.waypoint import CurrentWaypoint
 from surveilnav.services.planner.core.motion.drive import Route
 from surveilnav.services.planner.core.motion.terrain import build_terrain, coarse_travel_time_m
 from surveilnav.services.planner.core.stages import objects as object_stages
-from surveilnav.services.planner.core.stages.promising_candidate import promising_candidate
+from surveilnav.services.planner.core.stages.objects import promising_candidate
 
 CONFIG = PlannerConfig()
 HALL = """

@@ -84,7 +84,6 @@ class FreeDepthImage:
 
     @classmethod
     def from_state(cls, state: dict[str, Any]) -> FreeDepthImage:
-        """The image that ``state`` describes."""
         stamp_ns, source, view, seq = state["order"]
         free_depth_m = np.ascontiguousarray(state["free_depth_m"], np.float32)
         camera = np.ascontiguousarray(state["camera"], np.float64)
@@ -117,7 +116,6 @@ class FreeDepthHistory:
 
     @classmethod
     def from_state(cls, state: dict[str, Any], capacity: int) -> FreeDepthHistory:
-        """The history that ``state`` describes."""
         history = cls(capacity)
         for image in state["images"]:
             history.add(FreeDepthImage.from_state(image))

@@ -30,7 +30,6 @@ class ClimbTracker:
 
     @classmethod
     def from_first_view(cls, view: PosedView, floor: str) -> ClimbTracker:
-        """Starts with a robot's first view."""
         at_m = _ground_m(view)
         return cls(floor, at_m[2], at_m, 0).after(view, floor)
 
@@ -59,7 +58,6 @@ class ClimbTracker:
 
     @classmethod
     def from_state(cls, state: dict[str, Any]) -> ClimbTracker:
-        """The tracker that ``state`` describes."""
         x, y, z = state["level_m"]
         return cls(state["floor"], state["z_m"], (x, y, z), state["views"])
 

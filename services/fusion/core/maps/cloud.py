@@ -63,8 +63,6 @@ class VoxelCloud:
             p_world: (N, 3) points [m, world].
             colours: (N, 3) uint8.
             p_camera: (3,) position of the camera [m, world].
-            source: whose view it is.
-            stamp_ns: when it was taken.
 
         Returns:
             The numbers of new voxels, and of carved voxels that are restored.
@@ -170,7 +168,6 @@ class VoxelCloud:
 
     @classmethod
     def from_state(cls, state: dict[str, Any], config: MapConfig) -> VoxelCloud:
-        """The cloud that ``state`` describes, with the same ``config``."""
         cloud = cls(config)
         cloud._n = len(state["voxels"]["key"])
         cloud._voxels = np.zeros(max(len(cloud._voxels), cloud._n), VOXEL)
@@ -217,7 +214,6 @@ class VoxelCloud:
         self._rebuild_index()
 
     def _rebuild_index(self) -> None:
-        """Builds the index from the voxels."""
         self._index = voxels.new_index(1 << 10)
         for start in range(0, self._n, 1 << 16):
             stop = min(start + (1 << 16), self._n)

@@ -43,9 +43,7 @@ class FloorMap:
     it doesn't depend on where the map began either.
 
     Attributes:
-        floor: the floor's id.
         z_m: altitude of its surface [m, world].
-        cloud: the joint point cloud.
         revision: revision of the joint map at which this floor last changed.
     """
 
@@ -157,7 +155,6 @@ class FloorMap:
 
     @classmethod
     def from_state(cls, state: dict[str, Any], config: MapConfig) -> FloorMap:
-        """The map that ``state`` describes, with the same ``config``."""
         floor = cls(state["floor"], float(state["z_m"]), (0.0, 0.0), config)
         floor.revision, floor._row0, floor._col0 = int(state["revision"]), int(state["row0"]), int(state["col0"])
         for name in _LAYERS:

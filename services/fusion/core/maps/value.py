@@ -43,7 +43,6 @@ class EmbeddedView:
         axis_rad: azimuth of the optical axis.
         half_fov_rad: half of the horizontal field of view; 0: the same weight at all azimuths.
         embedding: (D,), unit length.
-        embedding_model: the model that made the embedding.
     """
 
     is_robot: bool
@@ -192,7 +191,6 @@ class ValueMap:
 
     @classmethod
     def from_state(cls, state: dict[str, Any], config: ValueConfig) -> ValueMap:
-        """The value map that ``state`` describes."""
         value = cls(config)
         value._newest_ns = state["newest_ns"]
         for source, view, seq, seen in state["views"]:

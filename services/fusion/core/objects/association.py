@@ -10,7 +10,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from surveilnav.services.fusion.core.config import AssociationConfig
-from surveilnav.services.fusion.core.objects.shape import Keys, Shape, found_in
+from surveilnav.services.fusion.core.objects.shape import Shape, found_in
 
 
 class Similarity(NamedTuple):
@@ -96,7 +96,7 @@ def box_iou(a: Shape, b: Shape) -> float:
 
 def voxel_iou(a: Shape, b: Shape) -> float:
     """Intersection over union of the fine voxels, which is how the paper defines S_geo."""
-    inside = _count_common(a.keys, b.keys)
+    inside = int(np.count_nonzero(found_in(a.keys, b.keys)))
     return inside / (len(a.keys) + len(b.keys) - inside)
 
 
@@ -118,11 +118,6 @@ def cosine(a: NDArray[np.floating], b: NDArray[np.floating]) -> float:
 
 def _box_intersection_m3(a: Shape, b: Shape) -> float:
     return float(np.prod(np.clip(np.minimum(a.p_max, b.p_max) - np.maximum(a.p_min, b.p_min), 0.0, None)))
-
-
-def _count_common(a: Keys, b: Keys) -> int:
-    """The number of elements of a that are also in b; both are sorted and unique."""
-    return int(np.count_nonzero(found_in(a, b)))
 
 
 @njit(cache=True, nogil=True)

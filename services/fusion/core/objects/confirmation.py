@@ -33,7 +33,6 @@ class ConfirmationRule(Protocol):
 
 
 def confirmation_rule(config: ObjectConfig) -> ConfirmationRule:
-    """The rule that the settings name."""
     if config.confirmation.rule == "paper":
         return PaperConfirmation(config.confirmation.paper)
     return PosteriorConfirmation(config.confirmation.posterior)

@@ -84,7 +84,6 @@ class Evidence:
 
     @classmethod
     def from_state(cls, state: dict[str, Any]) -> Evidence:
-        """The evidence that ``state`` describes."""
         robot, surveillance = (
             {label: ScoreSum(*fields) for label, fields in state[kind].items()} for kind in ("robot", "surveillance")
         )

@@ -26,8 +26,7 @@ class LocatedDetection:
     Attributes:
         shape: its points as voxels.
         range_m: median distance of its points from the camera.
-        embedding_model: the model that made the detection's embedding.
-        covariance_m2: (2, 2) of its horizontal position if that was estimated; None if a sensor measured its depth.
+    covariance_m2: (2, 2) of its horizontal position if that was estimated; None if a sensor measured its depth.
     """
 
     detection: DetectedObject

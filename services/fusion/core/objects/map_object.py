@@ -186,7 +186,6 @@ class MapObject:
 
     @classmethod
     def from_state(cls, state: dict[str, Any], voxel_m: float, config: ObjectConfig) -> MapObject:
-        """The object that ``state`` describes."""
         history = deque(msgspec.convert(state["history"], list[ObjectEvent]), maxlen=config.max_history)
         return cls(
             shape=Shape(state["keys"], voxel_m, config.association.overlap_voxel_m),

@@ -108,11 +108,6 @@ class ObjectMap:
             self._merge_duplicates(view)
         self._remove_weakest()
 
-    @property
-    def shape_bytes(self) -> int:
-        """Memory that the voxels of all objects take."""
-        return sum(o.shape.keys.nbytes + o.shape.coarse.nbytes for o in self._objects.values())
-
     def size_mismatch(self, object_id: int, label: str) -> str:
         """Why an object can't be of a class by its size, in words for people; empty if it can. KeyError: no such object."""
         return self._size_mismatch(self._objects[object_id], label)
@@ -134,7 +129,6 @@ class ObjectMap:
     def from_state(
         cls, state: dict[str, Any], floor: str, floor_z_m: float, voxel_m: float, config: ObjectConfig
     ) -> ObjectMap:
-        """The object map that ``state`` describes."""
         objects = cls(floor, floor_z_m, voxel_m, config)
         objects._next_id, objects._views = state["next_id"], state["views"]
         for of_object in state["objects"]:

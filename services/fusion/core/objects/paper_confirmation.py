@@ -40,7 +40,6 @@ class PaperConfirmation:
             evidence.flip(label)
 
     def assess(self, evidence: Evidence, previous: Status) -> Assessment:
-        """See ``ConfirmationRule``."""
         config = self._config
         # confidence: maximum over robot and surveillance; category: class of the maximum
         label, confidence = self.confidences(evidence).maximum

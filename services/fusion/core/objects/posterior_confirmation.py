@@ -37,7 +37,6 @@ class PosteriorConfirmation:
         """Does nothing, since this rule decides on no category for good."""
 
     def assess(self, evidence: Evidence, previous: Status) -> Assessment:
-        """See ``ConfirmationRule``."""
         c = self._config
         label, chance = Confidences({}, {}, self._joint(evidence)).maximum
         threshold = c.min_chance * (c.hysteresis if previous == "confirmed" else 1.0)

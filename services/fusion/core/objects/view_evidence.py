@@ -65,7 +65,6 @@ class EvidenceByDirection:
             evidence.add_detections(label, log_odds(chance))
 
     def add_miss(self, direction: Direction) -> None:
-        """Adds a view that should have shown the object but has no detection of it."""
         if (evidence := self._at(direction)) is not None:
             evidence.misses += 1
 
@@ -89,7 +88,6 @@ class EvidenceByDirection:
 
     @classmethod
     def from_state(cls, rows: list[Any]) -> EvidenceByDirection:
-        """The evidence that ``state`` describes."""
         return cls({(str(kind), str(name)): ViewEvidence(*fields) for kind, name, *fields in rows})
 
 

@@ -71,7 +71,7 @@ def check_view(view: PosedView, perception: ViewPerception | None) -> None:
         raise ViewError("wrong_size", f"its intrinsics are of {size} pixels, it came with {got}")
     _check_pose(view)
     _check_intrinsics(camera)
-    if _has_invalid_depth(view.depth_m):
+    if _find_invalid_depth(view.depth_m):
         raise ViewError("bad_depth", "depth is in metres from 0 up (0 or NaN: none), got negative or infinite ones")
     if perception is not None:
         _check_perception(perception, camera)
@@ -266,7 +266,6 @@ class ViewValidator:
 
     @classmethod
     def from_state(cls, state: dict[str, Any], config: ValidationConfig) -> ViewValidator:
-        """The validator that ``state`` describes."""
         validator = cls(config)
         words = [tuple(row) for row in state["words"]]
         validator._last, validator._doubted = (
@@ -304,10 +303,6 @@ def _find_invalid_depth(depth_m):  # type: ignore[no-untyped-def]
             if depth_m[v, u] < 0 or depth_m[v, u] == np.inf:
                 return 1
     return 0
-
-
-def _has_invalid_depth(depth_m: NDArray[np.floating]) -> bool:
-    return bool(_find_invalid_depth(depth_m))
 
 
 def _has_depth(depth_m: NDArray[np.floating]) -> bool:

@@ -41,7 +41,6 @@ class WorkerSelector:
         return min(max(_PATIENCE_FACTOR * expected_s, _MIN_PATIENCE_S), longest_s) if expected_s else longest_s
 
     def record_request(self, worker: str) -> None:
-        """Records that a request was sent to a worker."""
         self._under_way[worker] += 1
 
     def record_late(self, worker: str, now_s: float) -> None:

@@ -18,7 +18,6 @@ class ObjectGoal:
     """An object to head for.
 
     Attributes:
-        record: the object.
         utility: its chance per metre, with travel and looking counted (``object_utility``).
         confirmed: fusion confirmed it as the target.
         has_current: the robot is already heading for one of the compared objects, so frontiers and floors have to be clearly

@@ -46,7 +46,6 @@ class Blacklist:
         return any(e.failures >= limit for e in self._near(x_m, y_m, config))
 
     def failures_at(self, x_m: float, y_m: float, config: PlannerConfig) -> int:
-        """How often the robot failed to reach a place."""
         return next((e.failures for e in self._near(x_m, y_m, config)), 0)
 
     def add(self, x_m: float, y_m: float, step: int, config: PlannerConfig, *, failures: int | None = None) -> None:

@@ -10,7 +10,6 @@ class FloorGoal:
     """The floor that the robot is heading for.
 
     Attributes:
-        to_floor: the floor's id.
         why: the reason, as a text that people are shown.
         utility: the expected chance of finding the target there per metre of travel, comparable with the utilities of
             objects and frontiers.

@@ -80,7 +80,6 @@ class FloorMemory:
         self.bumps.append((x_m, y_m, yaw_rad))
 
     def forget_collisions(self) -> None:
-        """Forgets all collisions."""
         self.collisions.clear()
         self.bumps.clear()
 

@@ -29,17 +29,13 @@ class MissionState:
     Attributes:
         step: actions decided so far; stairs count as many as moves of their length.
         floor: where the robot was at the last step, "" before the first.
-        floors: what is remembered of each floor, by its id.
-        waypoint: what the robot is heading for.
         last_moved: (x, y, step): where and at which mission step the robot last got somewhere.
         recoveries: attempts since then to get a stuck robot moving.
         turns_at_frontier: turns spent at the current frontier on looking at its unexplored side.
         second_look_turns_left: turns left of a second look around.
-        floor_goal: the floor that the robot is heading for.
         stairs_command: set while the robot is taking stairs.
         changes: all stairs taken.
         unreachable_why: why a confirmed target couldn't be reached, for the final message; empty: none was missed.
-        finished: the mission has ended.
     """
 
     target: str
@@ -72,7 +68,6 @@ class MissionState:
         return replace(self, floors=floors, changes=list(self.changes))
 
     def to_json(self) -> bytes:
-        """The state as JSON."""
         return msgspec.json.encode(self)
 
     @classmethod
@@ -252,7 +247,6 @@ class MissionState:
         self.turns_at_frontier += 1
 
     def record_scan_turn(self) -> None:
-        """Records a turn of the initial scan."""
         assert self.here.scan_turns_left is not None
         self.here.scan_turns_left -= 1
         self.reset_stuck_timer()

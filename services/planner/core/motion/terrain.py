@@ -170,9 +170,7 @@ def travel_time_m(
     Args:
         speed: (rows, cols), 0 where nothing passes.
         sources: (rows, cols) bool; blocked ones don't count.
-        resolution_m: side of a cell.
         stop_cell: (row, col) of a cell. Cells farther than it by more than ``margin_m`` aren't computed.
-        margin_m: a travel time.
 
     Returns:
         (rows, cols) float64, ``UNREACHED`` (inf) where no way leads or nothing was computed.

@@ -1,1 +1,1 @@
-"""The kinds of waypoints, one stage in a file each. ``rounds`` has the order in which they are tried."""
+"""The kinds of waypoints. ``rounds`` has the order in which they are tried."""

@@ -1,10 +1,8 @@
-"""What stages share about exploring: which frontiers are considered, and whether exploring beats another waypoint."""
+"""Exploring: which frontiers are considered, and whether they beat another waypoint."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
 
 from surveilnav.messages import Candidate
 from surveilnav.services.planner.core.behaviours.explore_frontier import explore_frontier
@@ -16,65 +14,50 @@ from surveilnav.services.planner.core.goals.travel import is_constrained
 from surveilnav.services.planner.core.stages.stage import RETRY, Retry
 
 
-@dataclass(frozen=True, slots=True)
-class ExploringComparison:
-    """Exploring compared with another waypoint.
+def frontier(context: StepContext) -> Decision | Retry | None:
+    """Explores a frontier that can be reached without narrow gaps, by the rule's choice, and defers the others."""
+    return _explore_chosen(context, context.rule(context, lambda: _defer_constrained_frontiers(context)))
 
-    ``is_better``: some frontier has a higher utility. ``constrained``: the frontiers found to be reachable only through narrow
-    gaps; the caller defers them.
+
+def constrained_frontier(context: StepContext) -> Decision | Retry | None:
+    """Explores the frontier that the rule chooses of all, also of those that only narrow gaps lead to."""
+    return _explore_chosen(context, context.rule(context, lambda: available_frontiers(context)))
+
+
+def exploring_is_better(context: StepContext, utility: float) -> bool:
+    """Whether some frontier has a higher utility (chance per metre) than another waypoint.
+
+    The frontiers found to be reachable only through narrow gaps are deferred.
     """
-
-    is_better: bool
-    constrained: Sequence[Frontier] = ()
-
-
-def compare_exploring(context: StepContext, utility: float) -> ExploringComparison:
-    """Compares exploring with a waypoint of this utility (chance per metre). Changes nothing."""
     config = context.config
     chance = config.explore_chance
     if config.objects_first or chance * (1.0 + config.value_gain) <= utility * config.explore_cost_m:
-        return ExploringComparison(False)  # no frontier could be better, so none is looked at
-    unconstrained, constrained = _split_frontiers(context)
+        return False  # no frontier could be better, so none is looked at
+    unconstrained = _defer_constrained_frontiers(context)
     if not unconstrained:
-        return ExploringComparison(False, constrained)
+        return False
     ranked, _ = rank(unconstrained, context.maps, context.state.target, config)
-    return ExploringComparison(chance * ranked[0].score > utility, constrained)
+    return chance * ranked[0].score > utility
 
 
-def defer(context: StepContext, frontiers: Sequence[Frontier]) -> None:
-    """Leaves frontiers for the end."""
-    for f in frontiers:
-        context.state.here.defer_frontier(f.x_m, f.y_m)
+def _defer_constrained_frontiers(context: StepContext) -> list[Frontier]:
+    """The available frontiers that aren't deferred. Those that only narrow gaps lead to are deferred now.
 
-
-def defer_constrained_frontiers(context: StepContext) -> list[Frontier]:
-    """Defers the frontiers that only narrow gaps lead to, and returns the other available ones."""
-    unconstrained, constrained = _split_frontiers(context)
-    defer(context, constrained)
+    A frontier near a constrained one that comes before it in the list counts as deferred, too.
+    """
+    here, near_m = context.state.here, context.config.same_place_m
+    unconstrained: list[Frontier] = []
+    for f in available_frontiers(context):
+        if any(math.dist(place, (f.x_m, f.y_m)) < near_m for place in here.deferred_frontiers):
+            continue
+        if is_constrained(context, f.x_m, f.y_m, f.travel_time_m):
+            here.defer_frontier(f.x_m, f.y_m)
+        else:
+            unconstrained.append(f)
     return unconstrained
 
 
-def _split_frontiers(context: StepContext) -> tuple[list[Frontier], list[Frontier]]:
-    """The available frontiers that aren't deferred: those that can be reached without narrow gaps, and those that can't.
-
-    A frontier near a constrained one that comes before it in the list is in neither.
-    """
-    near_m = context.config.same_place_m
-    deferred = list(context.state.here.deferred_frontiers)
-    unconstrained: list[Frontier] = []
-    constrained: list[Frontier] = []
-    for f in available_frontiers(context):
-        if any(math.dist(place, (f.x_m, f.y_m)) < near_m for place in deferred):
-            continue
-        if is_constrained(context, f.x_m, f.y_m, f.travel_time_m):
-            deferred.append((f.x_m, f.y_m))
-            constrained.append(f)
-        else:
-            unconstrained.append(f)
-    return unconstrained, constrained
-
-
-def explore_chosen(context: StepContext, choice: FrontierChoice | None) -> Decision | Retry | None:
+def _explore_chosen(context: StepContext, choice: FrontierChoice | None) -> Decision | Retry | None:
     """Commits to the frontier that a rule chose, and explores it."""
     if choice is None:
         return None

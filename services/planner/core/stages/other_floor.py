@@ -14,7 +14,7 @@ from surveilnav.services.planner.core.decision import Decision
 from surveilnav.services.planner.core.goals.floors import chance_here, evidence, evidence_here, memory_of, never_leaves
 from surveilnav.services.planner.core.goals.stairs import paths_to_floors
 from surveilnav.services.planner.core.memory.floor_goal import FloorGoal
-from surveilnav.services.planner.core.stages.exploring import compare_exploring, defer
+from surveilnav.services.planner.core.stages.exploring import exploring_is_better
 
 
 def other_floor(context: StepContext) -> Decision | None:
@@ -42,9 +42,7 @@ def _choose_floor(context: StepContext) -> None:
     if goal is not None:
         # leaving pays off only if there is no target here: if there is one, exploring finds it on a shorter way
         here = chance_here(context)
-        exploring = compare_exploring(context, goal.utility * (1.0 - here) / here)
-        defer(context, exploring.constrained)
-        goal = None if exploring.is_better else goal
+        goal = None if exploring_is_better(context, goal.utility * (1.0 - here) / here) else goal
     context.state.set_floor_goal(goal)
 
 

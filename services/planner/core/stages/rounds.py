@@ -8,17 +8,19 @@ from __future__ import annotations
 
 from surveilnav.services.planner.core.context import StepContext
 from surveilnav.services.planner.core.decision import Decision
-from surveilnav.services.planner.core.stages.any_candidate import any_candidate
-from surveilnav.services.planner.core.stages.confirmed_target import confirmed_target
-from surveilnav.services.planner.core.stages.constrained_frontier import constrained_frontier
-from surveilnav.services.planner.core.stages.frontier import frontier
+from surveilnav.services.planner.core.stages.exploring import constrained_frontier, frontier
 from surveilnav.services.planner.core.stages.last_resort import last_resort
 from surveilnav.services.planner.core.stages.next_floor import next_floor
+from surveilnav.services.planner.core.stages.objects import any_candidate, confirmed_target, promising_candidate
 from surveilnav.services.planner.core.stages.other_floor import other_floor
-from surveilnav.services.planner.core.stages.promising_candidate import promising_candidate
-from surveilnav.services.planner.core.stages.retry_blacklisted import retry_blacklisted
 from surveilnav.services.planner.core.stages.second_look import second_look
-from surveilnav.services.planner.core.stages.stage import Retry, Stage
+from surveilnav.services.planner.core.stages.stage import RETRY, Retry, Stage
+
+
+def retry_blacklisted(context: StepContext) -> Retry | None:
+    """Releases all places of the floor that aren't blacklisted permanently: the map may have changed. None: there is none."""
+    return RETRY if context.state.release_blacklisted() else None
+
 
 #: Rounds of stages. The stages of a round are tried in order until one decides. A stage that returns ``RETRY`` has its round
 #: begin again; when no stage of a round has anything left, the next round begins. Whatever leads to a retry is counted in the
@@ -42,7 +44,7 @@ def first_decision(context: StepContext) -> Decision | None:
     """
     for stages in ROUNDS:
         for _ in range(_MAX_RETRIES):
-            outcome = _first_outcome(stages, context)
+            outcome = next((outcome for stage in stages if (outcome := stage(context)) is not None), None)
             if not isinstance(outcome, Retry):
                 break
         else:
@@ -50,7 +52,3 @@ def first_decision(context: StepContext) -> Decision | None:
         if outcome is not None:
             return outcome
     return None
-
-
-def _first_outcome(stages: tuple[Stage, ...], context: StepContext) -> Decision | Retry | None:
-    return next((outcome for stage in stages if (outcome := stage(context)) is not None), None)

@@ -42,9 +42,7 @@ def load(path: Path, family: str, runtime: Runtime) -> Network:
     """Loads a detector of COCO's classes from an ONNX file.
 
     Args:
-        path: the file.
         family: the architecture, which decides how inputs and outputs are read: "yolox", "deimv2" or "picodet".
-        runtime: where and how the network runs.
 
     Raises:
         PerceptionError: the file can't be loaded, or the family is unknown.

@@ -41,18 +41,12 @@ class GroundingDino:
         text_threshold: float = 0.25,
         words_per_pass: int = 0,
     ) -> None:
-        """Loads a model from a folder in the format of transformers.
+        """``path``: a folder in the format of transformers. PerceptionError: it can't be loaded.
 
         Args:
-            path: the folder.
-            model: the model's id.
-            runtime: where and how it runs.
             threshold: the score of its best word that a box needs.
             text_threshold: a box's scores for other words below this are set to zero.
             words_per_pass: number of words in one text; 0: as many as fit.
-
-        Raises:
-            PerceptionError: the folder can't be loaded.
         """
         self.model, self.threshold, self.text_threshold = model, threshold, text_threshold
         self.words_per_pass = words_per_pass

@@ -35,16 +35,9 @@ class OmDetTurbo:
     vocabulary = None
 
     def __init__(self, path: Path, model: str, runtime: Runtime | None = None, *, threshold: float = 0.3) -> None:
-        """Loads a model from a folder in the format of transformers.
+        """``path``: a folder in the format of transformers. PerceptionError: it can't be loaded.
 
-        Args:
-            path: the folder.
-            model: the model's id.
-            runtime: where and how it runs.
-            threshold: the score of its best word that a box needs.
-
-        Raises:
-            PerceptionError: the folder can't be loaded.
+        ``threshold``: the score of its best word that a box needs.
         """
         self.model, self.threshold = model, threshold
         self._model = load_model(transformers.OmDetTurboForObjectDetection, path, MODEL_TYPES, runtime or Runtime())

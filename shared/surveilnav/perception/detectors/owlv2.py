@@ -30,16 +30,9 @@ class Owlv2:
     vocabulary = None
 
     def __init__(self, path: Path, model: str, runtime: Runtime | None = None, *, threshold: float = 0.1) -> None:
-        """Loads a model from a folder in the format of transformers.
+        """``path``: a folder in the format of transformers. PerceptionError: it can't be loaded.
 
-        Args:
-            path: the folder.
-            model: the model's id.
-            runtime: where and how it runs.
-            threshold: the score of its best word that a box needs; the scores of this network are low.
-
-        Raises:
-            PerceptionError: the folder can't be loaded.
+        ``threshold``: the score of its best word that a box needs; the scores of this network are low.
         """
         self.model, self.threshold = model, threshold
         self._model = load_model(transformers.Owlv2ForObjectDetection, path, MODEL_TYPES, runtime or Runtime())

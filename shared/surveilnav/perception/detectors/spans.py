@@ -64,7 +64,6 @@ def build_prompts(
 
     Args:
         tokens: for each word, the ids of its tokens.
-        special: the special tokens.
         max_tokens: limit for one pass, special tokens included.
         max_words: limit for one pass; 0: none. With fewer words the network tells them apart better, and needs more passes.
 

@@ -23,7 +23,6 @@ class WordLengthCheck:
         """Loads the tokenizer of a model.
 
         Args:
-            path: the model's folder.
             max_tokens: limit for a word's text, special tokens included. The tokenizer may have a lower one.
             text_for: makes the text with which the detector looks for a word.
 
@@ -36,7 +35,6 @@ class WordLengthCheck:
         self._answers: dict[str, str] = {}
 
     def refusal(self, word: str) -> str:
-        """See ``ChecksWords.refusal``."""
         with self._lock:
             if word not in self._answers:
                 if len(self._answers) >= _MAX_CACHED:

@@ -54,7 +54,6 @@ class ClassSpace:
         ]
 
     def embed_texts(self, texts: Sequence[str]) -> NDArray[np.float32]:
-        """See the function ``embed_texts``."""
         return embed_texts(texts)
 
 

@@ -37,16 +37,7 @@ class Clip:
     """An ``Embedder`` of pictures, objects and texts with a CLIP, SigLIP or SigLIP 2 model in PyTorch (transformers)."""
 
     def __init__(self, path: Path, model: str, runtime: Runtime | None = None) -> None:
-        """Loads a model from a folder in the format of transformers.
-
-        Args:
-            path: the folder.
-            model: the model's id.
-            runtime: where and how it runs.
-
-        Raises:
-            PerceptionError: the folder can't be loaded.
-        """
+        """``path``: a folder in the format of transformers. PerceptionError: it can't be loaded."""
         self.model, self._type = model, check_model_type(path, MODEL_TYPES)
         self._model = load_model(transformers.AutoModel, path, MODEL_TYPES, runtime or Runtime())
         self._images, self._tokenizer = load_image_processor(path), load_tokenizer(path)

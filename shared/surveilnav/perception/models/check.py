@@ -30,8 +30,6 @@ def checked(path: Path, model: Model, *, anew: bool = False) -> Path:
     """Checks that ``path`` is ``model``, and returns it.
 
     Args:
-        path: the model's file or folder.
-        model: of the catalogue.
         anew: hash everything again, whatever hashes are remembered.
 
     Raises:

@@ -33,7 +33,6 @@ def find(name: str, *, download: bool = True, on_progress: OnProgress | None = N
     Args:
         name: of the catalogue; or a folder's name in SURVEILNAV_MODELS_DIR; or a folder's path (with a slash in it).
         download: whether it may be fetched if it isn't on this machine and has at most ``MAX_UNASKED_BYTES``.
-        on_progress: is called while a file is downloaded.
 
     Raises:
         PerceptionError: it isn't on this machine and can't be downloaded, or what is there is something else.

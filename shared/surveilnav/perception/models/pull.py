@@ -25,7 +25,6 @@ def pull(name: str, *, to: Path | None = None, on_progress: OnProgress | None = 
     Args:
         name: of the catalogue.
         to: a folder of models to pull into; the cache if None.
-        on_progress: is called while a file is downloaded.
 
     Raises:
         PerceptionError: offline, no such model, no public address, or what is received isn't the model.

@@ -46,11 +46,9 @@ class Download:
         return self.path.with_name(self.path.name + ".part.etag")
 
     def begun_bytes(self) -> int:
-        """How many bytes were received so far."""
         return self.part.stat().st_size if self.part.is_file() else 0
 
     def discard(self) -> None:
-        """Removes what was received so far."""
         self.part.unlink(missing_ok=True)
         self.etag_file.unlink(missing_ok=True)
 

@@ -34,7 +34,6 @@ class DepthInBox:
     def segment(
         self, views: Sequence[RgbdView], boxes: Sequence[NDArray[np.float32]]
     ) -> list[list[NDArray[np.bool_] | None]]:
-        """See ``Segmenter.segment``."""
         return [self._segment_view(view, xyxy) for view, xyxy in zip(views, boxes, strict=True)]
 
     @staticmethod

@@ -23,16 +23,7 @@ class Sam2:
     """A ``Segmenter``."""
 
     def __init__(self, path: Path, model: str, runtime: Runtime | None = None) -> None:
-        """Loads a model from a folder in the format of transformers.
-
-        Args:
-            path: the folder.
-            model: the model's id.
-            runtime: where and how it runs.
-
-        Raises:
-            PerceptionError: the folder can't be loaded.
-        """
+        """``path``: a folder in the format of transformers. PerceptionError: it can't be loaded."""
         self.model = model
         self._model = load_model(transformers.Sam2Model, path, MODEL_TYPES, runtime or Runtime())
         self._side = int(self._model.net.config.prompt_encoder_config.image_size)

@@ -8,9 +8,8 @@ from types import SimpleNamespace
 import pytest
 
 from surveilnav.cli import supervisor as module
-from surveilnav.cli.restarts import RestartPolicy
 from surveilnav.cli.stack import Stack
-from surveilnav.cli.supervisor import Supervisor, how_it_ended
+from surveilnav.cli.supervisor import RestartPolicy, Supervisor, how_it_ended
 from surveilnav.contract import SERVICES
 from surveilnav.errors import SurveilNavError
 from tests.waiting import until

@@ -1,0 +1,44 @@
+"""Runs one camera of a simulated building."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from surveilnav.bus import BusSettings
+from surveilnav.perception.backend import Backend
+from surveilnav.services.camera_node.config import CameraSettings
+from surveilnav.services.camera_node.edge_perception import open_edge_perception
+from surveilnav.services.camera_node.service import CameraService
+from surveilnav.services.camera_node.sources.simulated import SimulatedSource
+from surveilnav.services.camera_node.taking import take_camera
+from surveilnav.services.camera_node.zones import read_zones
+from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings
+
+
+def run_simulated_camera(settings: CameraSettings, bus: BusSettings) -> None:
+    """Runs one simulated camera until SIGTERM."""
+    building = SimulatedBuilding(SimulationSettings())
+    plan = building.plan
+    names = [camera.name for camera in plan.cameras]
+    if settings.masks:  # checked before a camera is leased: zones of a misspelt camera name would mask nothing
+        read_zones(Path(settings.masks), "", 0, names)
+    with take_camera(settings.id, names, f"the plan of {plan.building}", bus) as (name, node):
+        source = SimulatedSource(building, plan.cameras[names.index(name)])
+        service = CameraService(node, source, settings)
+        with open_edge_perception(
+            node,
+            source,
+            settings,
+            n_floors=len(plan.floors),
+            load=lambda: _backend(building, settings),
+            busy=lambda: service.sending or service.paused,
+        ):
+            node.run(service.step, idle_s=0.02)
+
+
+def _backend(building: SimulatedBuilding, settings: CameraSettings) -> Backend:
+    from surveilnav.simulator.truth.choose import choose_backend  # loads ONNX Runtime, which few cameras need
+
+    return choose_backend(
+        settings.perception, threads=settings.threads, seed=building.settings.seed, download=settings.download
+    )
