@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from surveilnav.geometry import Pinhole, Pose, camera_pose
+from surveilnav.messages import StreamStatus
 from surveilnav.sensing.views import TrueInstances
 from surveilnav.services.camera_node.sources.source import Picture, Place
 
@@ -27,6 +28,8 @@ class Camera:
     views = [*VIEWS, NADIR]
     intrinsics = Pinhole.from_hfov(SIDE, SIDE, math.radians(100.0))
     depth_range_m = (0.3, 10.0)
+    tier = "jpeg+depth"
+    stream = StreamStatus()
 
     def __init__(self, real=False, scene=""):
         self.versions, self.real, self.asked, self.scene = dict.fromkeys(range(13), 0), real, [], scene
