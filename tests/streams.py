@@ -47,6 +47,27 @@ def write_video(path: Path, frames: Iterator[np.ndarray], fps: int = 5, codec: s
     return path
 
 
+def write_looped_video(path: Path, frames: list[np.ndarray], seconds: float, fps: int = 5) -> Path:
+    """An MP4 that shows these pictures again and again; they are encoded once, and their packets are repeated."""
+    import av
+
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", rate=fps)
+        stream.pix_fmt, stream.gop_size = "yuv420p", len(frames)
+        stream.width, stream.height = frames[0].shape[1], frames[0].shape[0]
+        stream.codec_context.max_b_frames = 0
+        packets = [p for rgb in frames for p in stream.encode(av.VideoFrame.from_ndarray(rgb, format="rgb24"))]
+        packets += stream.encode()
+        data = [(bytes(p), p.is_keyframe, p.time_base) for p in packets]
+        for i in range(int(seconds * fps)):
+            content, is_keyframe, time_base = data[i % len(data)]
+            packet = av.Packet(content)
+            packet.stream, packet.time_base, packet.is_keyframe = stream, time_base, is_keyframe
+            packet.pts = packet.dts = round(i / fps / time_base)
+            container.mux(packet)
+    return path
+
+
 def free_port() -> int:
     with socket.socket() as s:
         s.bind(("127.0.0.1", 0))

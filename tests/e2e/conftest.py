@@ -12,6 +12,7 @@ import pytest
 
 from surveilnav.bus import Node, clock_ns
 from surveilnav.bus.router import free_port
+from surveilnav.cameras_file import load_cameras
 from surveilnav.cli.stack import Stack, environment
 from surveilnav.contract import MISSION_CANCEL, MISSION_GOAL, MISSION_STATUS, TRAFFIC
 from surveilnav.messages import FINISHED_STATES, MissionAck, MissionCancel, MissionGoal, MissionStatus, TrafficReport
@@ -110,7 +111,6 @@ def house(tmp_path_factory: pytest.TempPathFactory, home_cache: Path) -> Iterato
 @contextmanager
 def starting(folder: Path, cache: Path) -> Iterator[Callable[..., System]]:
     with pytest.MonkeyPatch.context() as environ, ExitStack() as exits:
-        environ.setenv("SURVEILNAV_SIM__LIGHTING", "flat")
         environ.setenv("SURVEILNAV_CACHE_DIR", str(cache))
 
         def start(
@@ -121,7 +121,10 @@ def starting(folder: Path, cache: Path) -> Iterator[Callable[..., System]]:
             robot_start: str = "",
             gateway_port: int = 0,
             recorder: bool = False,
+            cameras_file: Path | None = None,
+            lighting: str = "flat",
         ) -> System:
+            environ.setenv("SURVEILNAV_SIM__LIGHTING", lighting)
             home = SimulatedBuilding(SimulationSettings(building=building, cameras=cameras))
             home.prepare()
             variables = environment(
@@ -137,6 +140,9 @@ def starting(folder: Path, cache: Path) -> Iterator[Callable[..., System]]:
                 recordings=folder / "recordings",
             )
             names = [c.name for c in home.plan.cameras]
+            if cameras_file is not None:
+                variables["SURVEILNAV_CAMERA__FILE"] = str(cameras_file)
+                names = list(load_cameras(cameras_file).cameras)
             variables["SURVEILNAV_GATEWAY__PORT"] = str(gateway_port)
             stack = exits.enter_context(
                 Stack(variables, folder / "logs", names, gateway=bool(gateway_port), recorder=recorder)

@@ -13,16 +13,18 @@ from surveilnav.services.camera_node.sources.readers.opencv import OPEN_TIMEOUT_
 
 _PORTS = {"rtsp": 554, "rtsps": 322}
 _PROBE_S = 3.0
+#: TCP: UDP loses packets on busy networks, and firewalls seldom let it through. The rest has FFmpeg look at the stream for one
+#: second before it hands out pictures, instead of five.
+_OPTIONS = "rtsp_transport;tcp|analyzeduration;1000000|probesize;1000000"
 
 
 class RtspReader(OpenCVReader):
     """Reads an RTSP stream. It always takes all pictures from the stream: else the decoder's queue grows and they get old."""
 
     def __init__(self, address: str, period_s: float) -> None:
-        # UDP loses packets on busy networks, and few cameras' firewalls let it through
-        os.environ.setdefault("OPENCV_FFMPEG_CAPTURE_OPTIONS", "rtsp_transport;tcp|fflags;nobuffer")
+        os.environ.setdefault("OPENCV_FFMPEG_CAPTURE_OPTIONS", _OPTIONS)
         limits = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, OPEN_TIMEOUT_MS, cv2.CAP_PROP_READ_TIMEOUT_MSEC, READ_TIMEOUT_MS]
-        super().__init__(address, cv2.CAP_FFMPEG, limits, period_s)
+        super().__init__(address, cv2.CAP_FFMPEG, [*limits, cv2.CAP_PROP_N_THREADS, 1], period_s)
         self._address = address
 
     def diagnose(self) -> str:
