@@ -1,12 +1,14 @@
-"""``surveilnav cameras``: which there are, pausing or forgetting one, and deleting past pictures."""
+"""``surveilnav cameras``: which there are, pausing or forgetting one, deleting past pictures, and the file of real cameras."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from surveilnav.cli.completing import camera_ids, known
+from surveilnav.cli.extras import needs
 from surveilnav.cli.listing import Column, listing
 from surveilnav.cli.options import (
     DEFAULT_URL,
@@ -26,7 +28,10 @@ if TYPE_CHECKING:
 
     from surveilnav.rest import Camera
 
-app = typer.Typer(invoke_without_command=True, help="List cameras; pause, resume or remove one; delete past pictures.")
+app = typer.Typer(
+    invoke_without_command=True,
+    help="List cameras; pause, resume or remove one; delete past pictures; check a file of real cameras.",
+)
 
 
 Id = Annotated[
@@ -70,6 +75,47 @@ def forget(id: Id, url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
     put({"id": id, "forgotten": True}, as_json, lambda: results.print(told, markup=False))
 
 
+@app.command()
+@needs("services")
+def check(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="The file of cameras (cameras.yaml).")],
+    as_json: AsJson = False,
+) -> None:
+    """Check a file of real cameras, without connecting to any. Exit 0 only if every camera in it can be used."""
+    from surveilnav.cameras_file import load_cameras  # loads NumPy and OpenCV
+    from surveilnav.cameras_file.views import views_of
+
+    found = load_cameras(file)
+    problems = [str(p) for p in found.problems]
+    n_views: dict[str, int] = {}
+    for name, entry in found.cameras.items():
+        try:
+            n_views[name] = len(views_of(entry).poses)
+        except ValueError as error:
+            problems.append(f"camera {name}: {error}")
+
+    def show() -> None:
+        for problem in problems:
+            results.print(f"{file}, {problem}", markup=False, style="red", soft_wrap=True)
+        told = f"{len(n_views)} cameras can be used, with {sum(n_views.values())} views: {', '.join(n_views) or 'none'}"
+        results.print(told, markup=False, soft_wrap=True)
+
+    put({"cameras": n_views, "problems": problems}, as_json, show)
+    if problems:
+        raise typer.Exit(1)
+
+
+@app.command()
+@needs("services")
+def schema() -> None:
+    """Print the JSON schema of the file of real cameras, for editors."""
+    import json
+
+    from surveilnav.cameras_file.model import FileModel
+
+    print(json.dumps(FileModel.model_json_schema(), indent=2))
+
+
 @app.command("delete-pictures")
 def delete_pictures(url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
     """Delete all past pictures now, but no maps, objects or recordings."""
@@ -93,6 +139,8 @@ def state_of(camera: Camera) -> tuple[str, str]:
         return "offline", "red"
     if camera.paused:
         return "paused", "yellow"
+    if camera.stream.state != "live":
+        return camera.stream.state, "yellow" if camera.stream.state == "connecting" else "red"
     return ("invoked", "green") if camera.invoked else ("idle", "")
 
 

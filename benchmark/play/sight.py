@@ -8,7 +8,7 @@ depth and instance ids alone, at a fraction of the resolution; a camera's bytes 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Literal
 
@@ -49,6 +49,8 @@ from surveilnav.simulator.world.labels import TARGETS
 
 Way = Literal["pixels", "depth"]
 Views = Literal["panoramic", "half"]
+#: What cameras know of depth: as a sensor measures it, or nothing.
+CameraDepth = Literal["sensor", "none"]
 #: By camera, what each of its views takes on the wire.
 ViewBytes = Mapping[str, Sequence[int]]
 
@@ -168,11 +170,13 @@ class Sight:
         way: Way = "pixels",
         scale: int = 2,
         pose_error: PoseError = NO_POSE_ERROR,
+        camera_depth: CameraDepth = "sensor",
         view_bytes: ViewBytes = NOT_MEASURED,
         words: Sequence[str] = TARGETS,
     ) -> None:
         """``plan``: the building's own unless given. ``scale``: of ``depth``, full resolution divided by this.
-        ``pose_error``: how wrong the cameras are about where they hang. ``view_bytes``: of ``depth``, by camera what each
+        ``pose_error``: how wrong the cameras are about where they hang. ``camera_depth``: what
+        the cameras' pictures have of depth. ``view_bytes``: of ``depth``, by camera what each
         of its views takes (``offered_views``). ``words``: what a detector with an open vocabulary looks for, the targets of
         all episodes, since views are perceived once."""
         if way == "depth" and not backend.needs_truth:
@@ -180,7 +184,7 @@ class Sight:
         self.building, self.backend, self.way = building, backend, way
         self._plan = plan or building.plan
         self._half, self._scale = views == "half", scale if way == "depth" else 1
-        self._view_bytes, self._words = view_bytes, tuple(words)
+        self._view_bytes, self._words, self._camera_depth = view_bytes, tuple(words), camera_depth
         self._error = {c.name: pose_error.drawn(c.name, building.settings.seed) for c in self._plan.cameras}
         self._cameras = {camera.name: camera for camera in self._plan.cameras}
         self._labels = building.scene.truth_labels if backend.needs_truth else {}
@@ -278,11 +282,17 @@ class Sight:
             )
             measured = self._view_bytes.get(camera.name)
             offered = measured[index] if measured else 0
-            return SeenView(view, self._perceive(view, rendered, (source, index, 1)), offered)
+            return SeenView(self._without(view), self._perceive(view, rendered, (source, index, 1)), offered)
         rendered = self.building.camera_view(camera, index)
         header, payload, offered = _frame(rendered, camera, index, said, self._plan)
         view = decode_frame(header, payload)
-        return SeenView(view, self._perceive(view, rendered, (source, index, 1)), offered)
+        return SeenView(self._without(view), self._perceive(view, rendered, (source, index, 1)), offered)
+
+    def _without(self, view: PosedView) -> PosedView:
+        """A camera's view without what its pictures don't have."""
+        if self._camera_depth == "sensor":
+            return view
+        return replace(view, depth_m=np.zeros_like(view.depth_m), depth_source="none")
 
     def _said(self, camera: str, pose: Pose) -> Pose:
         """Where a camera says that a view was taken from."""

@@ -34,6 +34,7 @@ def sight_of(
         way="depth" if backend.needs_truth else "pixels",
         scale=settings.resolution_divisor,
         view_bytes=view_bytes,
+        camera_depth=settings.camera_depth,
         pose_error=PoseError(settings.camera_error_m, math.radians(settings.camera_error_deg)),
     )
 

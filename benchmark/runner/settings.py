@@ -9,7 +9,7 @@ from typing import Any, Literal, get_args
 import msgspec
 from pydantic import ValidationError
 
-from surveilnav.benchmark.play.sight import Views
+from surveilnav.benchmark.play.sight import CameraDepth, Views
 from surveilnav.benchmark.policies import policy_of
 from surveilnav.errors import ConfigError
 from surveilnav.perception.models import COCO_DETECTORS
@@ -32,6 +32,7 @@ class RunSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
         delay_steps: so many actions after its invocation a camera's views arrive.
         views_per_step: how many camera views are looked at between two actions, as measured in the running system on two
             cores; 0: all of them before the first action.
+        camera_depth: ``sensor``: with a sensor's noise; ``none``: cameras have no depth.
         camera_error_m, camera_error_deg: how wrong each camera is about where it hangs and looks.
         detectors: the weights of ``onnx-coco``; empty: its own choice.
         fusion, planning: settings of the joint maps and of the planner's core to change, by name.
@@ -50,6 +51,7 @@ class RunSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     harder: float = 0.0
     delay_steps: int = 0
     views_per_step: int = 2
+    camera_depth: CameraDepth = "sensor"
     camera_error_m: float = 0.0
     camera_error_deg: float = 0.0
     detectors: list[str] = []
@@ -61,6 +63,7 @@ class RunSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
         policy_of(self.policy)
         _expect("planner", self.planner, get_args(Planner))
         _expect("views", self.views, get_args(Views))
+        _expect("camera_depth", self.camera_depth, get_args(CameraDepth))
         _expect("perception", self.perception, [b for b in BACKENDS if b != "auto"])  # a table must say what looked
         for detector in self.detectors:
             _expect("each of detectors", detector, list(COCO_DETECTORS))

@@ -98,7 +98,9 @@ class ChangeDetector:
 
     def _camera_states(self) -> dict[str, CameraState]:
         return {
-            c.id: CameraState(floor=c.floor, online=not c.stale, invoked=c.invoked, paused=c.paused)
+            c.id: CameraState(
+                floor=c.floor, online=not c.stale, invoked=c.invoked, paused=c.paused, stream=c.stream.state
+            )
             for c in self._all_cameras.all()
         }
 

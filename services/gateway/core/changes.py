@@ -20,12 +20,16 @@ _MAX_TEXT = 500
 
 @dataclass(frozen=True, slots=True)
 class CameraState:
-    """Whether a camera is there, whether the maps of its floor subscribe to it, and whether a person paused it."""
+    """Whether a camera is there and invoked, whether a person paused it, and what its stream is doing.
+
+    It is invoked while the maps of its floor subscribe to it.
+    """
 
     floor: str
     online: bool
     invoked: bool
     paused: bool = False
+    stream: str = "live"
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +105,7 @@ def object_changes(before: ObjectRecord | None, now: ObjectRecord | None) -> Ite
 
 
 def camera_changes(before: CameraState | None, now: CameraState | None) -> Iterable[str]:
-    """``new``, ``offline``, ``back``; ``invoked``, ``released``; ``paused``, ``resumed``."""
+    """``new``, ``offline``, ``back``; ``invoked``, ``released``; ``paused``, ``resumed``; ``stream_<state>``."""
     if now is None:
         return
     if before is None:
@@ -112,6 +116,8 @@ def camera_changes(before: CameraState | None, now: CameraState | None) -> Itera
         yield "invoked" if now.invoked else "released"
     if now.paused != (before is not None and before.paused):
         yield "paused" if now.paused else "resumed"
+    if now.stream != (before.stream if before is not None else "live"):
+        yield f"stream_{now.stream}"
 
 
 def robot_changes(before: RobotSituation | None, now: RobotSituation | None) -> Iterable[str]:

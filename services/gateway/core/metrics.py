@@ -93,6 +93,13 @@ def _camera_metrics(state: BuildingMetrics) -> Iterator[Metric]:
     known = {c.id for c in cameras}
     sums = [s for s in state.traffic.cameras if s.id in known]
     yield _gauge("camera_up", "1: the camera is there", cameras, _camera, lambda c: not c.stale)
+    yield _gauge(
+        "camera_stream_live",
+        "1: its stream brings pictures that show the present",
+        cameras,
+        _camera,
+        lambda c: c.stream.state == "live",
+    )
     yield _gauge("camera_invoked", "1: the maps of its floor ask it for views", cameras, _camera, lambda c: c.invoked)
     uses = [use for floor in state.floors for use in floor.invoked if use.camera in known]
     yield _gauge("camera_views_expected", "Views of an invoked camera", uses, _use, lambda u: u.views)

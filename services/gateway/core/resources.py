@@ -24,6 +24,7 @@ from surveilnav.rest import (
     ROOT,
     Building,
     Camera,
+    CameraStream,
     CameraView,
     Floor,
     Layer,
@@ -44,6 +45,7 @@ from surveilnav.sensing.layers import GRID_LAYERS
 from surveilnav.services.gateway.core.layers import RenderedLayer, transform
 
 R = TypeVar("R", bound=BaseModel)
+_MAX_REASON_CHARS = 300
 #: What must be there before a mission makes sense, and how to start it.
 NEEDED: tuple[tuple[Literal["robot", "perception", "fusion", "planner"], str], ...] = (
     ("robot", "python -m surveilnav.services.robot_node"),
@@ -93,6 +95,11 @@ def camera_from_info(
         views_processed=use.views_processed if use else 0,
         labels=labels,
         views=[_view(info.camera, view, root) for view in info.views],
+        stream=CameraStream(
+            state=info.stream.state,
+            reason=info.stream.reason[:_MAX_REASON_CHARS],
+            since=utc(info.stream.since_ns),
+        ),
         last_seen=utc(seen_ns),
         stale=not alive,
     )

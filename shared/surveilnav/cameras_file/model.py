@@ -141,3 +141,11 @@ class CameraEntry(_Entry):
         c, s = math.cos(math.radians(self.roll_deg)), math.sin(math.radians(self.roll_deg))
         T[:3, :3] = T[:3, :3] @ [[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]
         return T
+
+
+class FileModel(_Entry):
+    """The file of a building's real cameras, ``cameras.yaml``."""
+
+    building: str = Field("", description="the building's name, for people")
+    floors: dict[Annotated[str, Field(pattern=ID_PATTERN)], FloorEntry]
+    cameras: list[CameraEntry]

@@ -8,7 +8,7 @@ finite are null: remote data can hold anything. These models need pydantic and n
 
 from surveilnav.rest.base import ID_PATTERN, ROOT, GrowingItems, Items, Resource
 from surveilnav.rest.building import Building, Floor, FloorCamera, Layer, Object, ObjectEvent
-from surveilnav.rest.cameras import AccessRecord, Camera, CameraCone, CameraView, PictureKeeper
+from surveilnav.rest.cameras import AccessRecord, Camera, CameraCone, CameraStream, CameraView, PictureKeeper
 from surveilnav.rest.missions import FINISHED_STATES, Mission, MissionPlan, MissionTraffic, NewMission, Place
 from surveilnav.rest.recordings import Recorder, Recording, Replay, ReplayChange
 from surveilnav.rest.robots import Robot, RobotHalt, StageTimes, Target, Worker
@@ -24,6 +24,7 @@ __all__ = [
     "Building",
     "Camera",
     "CameraCone",
+    "CameraStream",
     "CameraView",
     "Event",
     "Floor",

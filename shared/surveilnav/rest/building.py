@@ -99,6 +99,9 @@ class Object(Resource):
     n_points: int
     center_m: tuple[Number, Number, Number]
     size_m: tuple[Number, Number, Number]
+    position_sigma_m: Number = Field(
+        default=0.0, description="standard deviation of its place while that is only estimated; 0: a sensor measured it"
+    )
     first_seen: datetime | None
     sources: list[str]
     relevance: Number | None = Field(default=None, description="how well it fits the text asked for, -1 to 1")

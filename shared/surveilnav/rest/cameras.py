@@ -30,6 +30,14 @@ class CameraCone(BaseModel):
     )
 
 
+class CameraStream(BaseModel):
+    """What the stream of a camera's pictures is doing. A simulated camera's is always live."""
+
+    state: str = Field(description="connecting, live, no_frames, frozen, black, grey, garbled or failed")
+    reason: str = Field(description="details; empty while it is live")
+    since: datetime | None = Field(description="when the state began; null: always")
+
+
 class Camera(Resource):
     """A surveillance camera as it announced itself, and what came of its views."""
 
@@ -43,6 +51,8 @@ class Camera(Resource):
     width_px: int
     height_px: int
     tier: str
+    label: str = Field(default="", description="its name for people; empty: as `id`")
+    stream: CameraStream = Field(description="what the stream of its pictures is doing")
     paused: bool = Field(description="a person had it show nothing")
     invoked: bool = Field(description="the maps of its floor subscribe to it")
     views_processed: int = Field(

@@ -10,10 +10,11 @@ import { html } from "./ui.js";
 export const OFFLINE_AFTER_S = 10;
 const noticed = new Map(); // what has no time of its own: when this page first saw it
 
-/** "live", "paused", "stale" or "offline". */
+/** "live", "paused", "stale" or "offline"; of a camera also what its stream is doing, such as "frozen". */
 export function presence(thing, now) {
   if (thing.stale) return secondsSince(thing.last_seen, now) < OFFLINE_AFTER_S ? "stale" : "offline";
-  return thing.paused ? "paused" : "live";
+  if (thing.paused) return "paused";
+  return thing.stream?.state ?? "live";
 }
 
 /** [{key, kind, text, since}] of the store as it is. */
@@ -24,6 +25,7 @@ function found(now) {
   if (halted.length) add("halted", "halted", `${names(halted)} stopped by hand, and won't move until released. Missions stay paused after that.`, null);
   for (const r of all("robot")) if (r.stale) add(`robot ${r.id}`, "bad", `Robot ${r.id} is silent`, r.last_seen);
   for (const c of all("camera")) if (c.stale) add(`camera ${c.id}`, "bad", `Camera ${c.id} is ${presence(c, now)}`, c.last_seen);
+    else if (!["live", "connecting"].includes(c.stream.state)) add(`stream ${c.id}`, "bad", `The stream of camera ${c.id} is ${c.stream.state.replace("_", " ")}: ${c.stream.reason}`, c.stream.since);
   const workers = all("worker");
   for (const w of workers) if (w.stale && workers.length > 1) add(`worker ${w.id}`, "warn", `Perception worker ${w.id} is gone`, w.last_seen);
   for (const kind of one("readiness", "")?.missing ?? []) if (kind !== "robot") add(`missing ${kind}`, "bad", MISSING[kind] ?? `${kind} is missing`, lastOf(kind));

@@ -62,6 +62,12 @@ export function robotMark(c, view, robot, pose, t) {
 export function objectMark(c, view, object, t, { wanted, chosen }) {
   const [u, v] = view.to(object.center_m[0], object.center_m[1]), sure = object.status === "confirmed";
   const r = wanted ? (sure ? 7 : 3.5 + 4 * (object.confidence ?? 0)) : sure ? 5 : 3.5;
+  if (object.position_sigma_m) { // it is within two standard deviations of there
+    c.beginPath();
+    c.arc(u, v, 2 * object.position_sigma_m * view.scale, 0, 7);
+    c.fillStyle = withAlpha(wanted ? t.target : t.object, 0.12);
+    c.fill();
+  }
   c.beginPath();
   c.arc(u, v, r, 0, 7);
   c.lineWidth = 1.8;

@@ -51,14 +51,14 @@ function seen(c) {
 }
 
 function Picture({ camera: c, tile, state, now, wanted }) {
-  const text = { paused: "paused", stale: `no news, ${ago(c.last_seen, now)}`, offline: `offline, ${ago(c.last_seen, now)}` }[state];
+  const text = { paused: "paused", stale: `no news, ${ago(c.last_seen, now)}`, offline: `offline, ${ago(c.last_seen, now)}` }[state] ?? (state === "live" ? undefined : c.stream.reason || state);
   return html`<div class="picture">
     ${tile.url ? html`<img src=${tile.url} alt="What camera ${c.id} sees" />` : html`<span class="soft">${text ?? (wanted ? tile.problem ?? "…" : "no picture")}</span>`}
   </div>`;
 }
 
 function State({ camera: c, state }) {
-  if (state !== "live") return html`<span class="badge ${state === "paused" ? "warn" : "bad"}">${state}</span>`;
+  if (state !== "live") return html`<span class="badge ${state === "paused" || state === "connecting" ? "warn" : "bad"}" title=${c.stream.reason}>${state.replace("_", " ")}</span>`;
   return c.invoked ? html`<span class="badge live" title="invoked: the maps hold ${c.views_processed} of its ${c.views.length} views">${c.views_processed}/${c.views.length} views</span>` : html`<span class="badge soft">idle</span>`;
 }
 

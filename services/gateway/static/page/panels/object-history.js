@@ -40,7 +40,7 @@ function Facts({ object: o }) {
   const facts = [
     ["status", `${o.status}${o.reason ? ` (${o.reason})` : ""}`], ["confidence", percent(o.confidence)],
     ["by robots", `${percent(o.confidence_robot)} ${o.label_robot}`], ["by cameras", `${percent(o.confidence_surveillance)} ${o.label_surveillance}`],
-    ["where", `${metres(o.center_m[0])}, ${metres(o.center_m[1])}, floor ${o.floor}`], ["size", o.size_m.map(v => v?.toFixed(1)).join(" × ") + " m"],
+    ["where", `${metres(o.center_m[0])}, ${metres(o.center_m[1])}${o.position_sigma_m ? ` ± ${metres(o.position_sigma_m)}` : ""}, floor ${o.floor}`], ["size", o.size_m.map(v => v?.toFixed(1)).join(" × ") + " m"],
     ["detections", o.n_detections], ["first seen", clock(o.first_seen)],
   ];
   return html`<dl class="facts wide">${facts.map(([name, value]) => html`<div><dt>${name}</dt><dd>${value}</dd></div>`)}</dl>`;
