@@ -123,7 +123,7 @@ class Episode:
         self._refused = False  # whether the robot refused the last action: then that wasn't its last
         self._trajectory: list[tuple[float, float, float]] = []
         self._floors: list[str] = []
-        self._note_place()
+        self._record_place()
 
     def run(self) -> EpisodeResult:
         while True:
@@ -152,11 +152,11 @@ class Episode:
             self._joint = self._joint or JointMap(self._fusion)
             in_turn = self._cameras.in_turn(self._joint, seen, arrived)
         for view in in_turn:
-            floor = _take(self._joint, view)
+            floor = _integrate_view(self._joint, view)
             if view is seen:
                 self._floor = floor or self._floor
         maps = floor_maps(
-            _maps_for(self._joint, self._floor, seen.view), self._floor, self._text, self._embedding_model
+            _maps_with_floor(self._joint, self._floor, seen.view), self._floor, self._text, self._embedding_model
         )
         return self._joint, replace(maps, pending_views=self._cameras.n_pending)
 
@@ -174,9 +174,9 @@ class Episode:
         self._refused = bool(action and robot_motion.refusal(self._state, action, self._navigation, to_floor))
         if action and not self._refused:
             self._state = robot_motion.act(self._state, action, self._navigation, to_floor)
-            self._note_place()
+            self._record_place()
 
-    def _note_place(self) -> None:
+    def _record_place(self) -> None:
         self._trajectory.append((self._state.x_m, self._state.y_m, self._state.yaw_rad))
         self._floors.append(self._state.floor)
 
@@ -204,10 +204,10 @@ class Episode:
 def _integrate(joint: JointMap, sight: Sight, names: tuple[str, ...]) -> None:
     for name in names:
         for seen in sight.camera(name):
-            _take(joint, seen)
+            _integrate_view(joint, seen)
 
 
-def _take(joint: JointMap, seen: SeenView) -> str:
+def _integrate_view(joint: JointMap, seen: SeenView) -> str:
     """Has the maps take a view, by the same guard as on the bus; the floor that it was taken on, "" if they know none.
 
     A view before a wall, where not one pixel has a depth, is left out, as on the bus. So is one that they hold ("").
@@ -224,7 +224,7 @@ def _take(joint: JointMap, seen: SeenView) -> str:
     return done.floor if done is not None else ""
 
 
-def _maps_for(joint: JointMap, floor: str, view: PosedView) -> JointMap:
+def _maps_with_floor(joint: JointMap, floor: str, view: PosedView) -> JointMap:
     """The joint maps, or empty ones where a search begins before a wall: the planner must be able to turn the robot."""
     if joint.knows(floor):
         return joint

@@ -27,7 +27,6 @@ from surveilnav.messages import (
     FrameHeader,
     InferReply,
     ModelIds,
-    Observation,
 )
 from surveilnav.perception.backend import Backend
 from surveilnav.robot_body import CAMERA, CAMERA_HEIGHT_M, DEPTH_RANGE_M
@@ -42,6 +41,8 @@ from surveilnav.sensing.packing import (
 )
 from surveilnav.sensing.views import PosedView, TrueInstances, ViewPerception, looks_straight_down
 from surveilnav.services.camera_node.core.summary import ViewLabels, build_summary, merge_labels
+from surveilnav.services.robot_node.bodies.body import Observation
+from surveilnav.services.robot_node.observation import encode as encode_observation
 from surveilnav.simulator.render.depth_noise import DepthNoise
 from surveilnav.simulator.render.picture import Rendered
 from surveilnav.simulator.simulation import CAMERA_DEPTH_RANGE_M, SimulatedBuilding, noise_seed
@@ -56,6 +57,7 @@ ViewBytes = Mapping[str, Sequence[int]]
 
 _BUILDING = "building"
 ROBOT = "r1"
+_ROBOT_JPEG_QUALITY = 90
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,27 +215,14 @@ class Sight:
             )
             return SeenView(view, self._perceive(view, rendered, key), 0)
         rendered = self.building.robot_view(T_world_camera, CAMERA, DEPTH_RANGE_M, state.seq)
-        payload, image, depth = encode_rgbd(rendered.rgb, rendered.depth_m, depth_range_m=DEPTH_RANGE_M)
-        header = Observation(
-            stamp_ns=state.seq,
-            source=f"robot/{ROBOT}",
-            view=0,
-            seq=state.seq,
-            floor=state.floor,
-            T_world_camera=Pose.from_matrix(T_world_camera),
-            camera=CAMERA,
-            mounting_offset_m=CAMERA_HEIGHT_M,
-            depth_range_m=DEPTH_RANGE_M,
-            image=image,
-            depth=depth,
-            T_world_base=Pose.from_matrix(state.base_pose()),
-            last_action=state.last_action,  # type: ignore[arg-type]
-            collided=state.collided,
-            path_m=state.path_m,
+        observed = Observation(
+            state, T_world_camera, CAMERA, CAMERA_HEIGHT_M, DEPTH_RANGE_M, rendered.rgb, rendered.depth_m
         )
+        sent = encode_observation(observed, ROBOT, _ROBOT_JPEG_QUALITY, stamp_ns=state.seq)
         address = ROBOT_OBSERVATION.key_for(building=_BUILDING, robot=ROBOT)
-        view = decode_frame(header, payload)
-        return SeenView(view, self._perceive(view, rendered, key), len(payload) + len(encode(header)) + len(address))
+        view = decode_frame(sent.message, sent.payload)
+        offered_bytes = len(sent.payload) + len(encode(sent.message)) + len(address)
+        return SeenView(view, self._perceive(view, rendered, key), offered_bytes)
 
     def by_floor(self) -> dict[str, dict[str, float]]:
         """Floor -> label -> highest confidence that a camera of that floor reports."""

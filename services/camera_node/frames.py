@@ -11,6 +11,7 @@ import msgspec
 from surveilnav.messages import CaptureClock, DepthSource, PayloadPart
 from surveilnav.sensing.packing import encode_jpeg, encode_rgbd
 from surveilnav.services.camera_node.config import CameraSettings
+from surveilnav.services.camera_node.core.sending import thumbnail_width_px
 from surveilnav.services.camera_node.result_cache import ResultCache
 from surveilnav.services.camera_node.sources.source import Source
 
@@ -38,6 +39,7 @@ class FrameEncoder:
 
     def __init__(self, source: Source, settings: CameraSettings) -> None:
         self._source, self._jpeg_quality = source, settings.jpeg_quality
+        self._max_thumbnail_px = settings.thumbnail_width_px
         self._cache, self._recipe = ResultCache(source, settings), f"frame, JPEG {settings.jpeg_quality}"
         self._frames: dict[int, EncodedFrame] = {}
 
@@ -60,9 +62,9 @@ class FrameEncoder:
             picture.version, payload, image, depth, picture.captured_ns, picture.clock, picture.depth_source
         )
 
-    def thumbnail(self, view: int, width_px: int) -> bytes:
+    def thumbnail(self, view: int, requested_px: int) -> bytes:
         """A JPEG of the given width of a view that has a picture, in the picture's aspect ratio."""
-        rgb = self._source.latest(view).rgb
+        width_px, rgb = thumbnail_width_px(requested_px, self._max_thumbnail_px), self._source.latest(view).rgb
         height_px = round(width_px * rgb.shape[0] / rgb.shape[1])
         return encode_jpeg(cv2.resize(rgb, (width_px, height_px), interpolation=cv2.INTER_AREA), _THUMBNAIL_QUALITY)
 

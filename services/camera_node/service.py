@@ -27,7 +27,7 @@ class CameraService:
 
     def __init__(self, node: Node, source: Source, settings: CameraSettings) -> None:
         source = hide_mask_zones(source, settings)  # applied here, so that no camera can forget it
-        self._node, self._source, self._settings = node, source, settings
+        self._node, self._source = node, source
         if settings.masks:
             zones = source.zones if isinstance(source, MaskedSource) else {}
             node.log.info("mask zones", file=settings.masks, zones_by_view={v: len(z) for v, z in zones.items()})
@@ -40,8 +40,7 @@ class CameraService:
         self._send_state = sending.SendState()
         self._requested: set[int] = set()
         self._lock = threading.Lock()
-        self.sending = False
-        self.paused = False
+        self.sending = self.paused = False
         self._seq = dict.fromkeys(views, 0)
         node.serve(
             CAMERA_INFO,
@@ -104,7 +103,9 @@ class CameraService:
         if unknown or not views:
             raise Refused("bad_view", f"expected views of 0-{len(self._frames) - 1}, got {views}")
         if action == "thumbnail":
-            return Answer(Ack(stamp_ns=clock_ns()), self._thumbnail(views[0], request.message.width_px))
+            if self._source.version(views[0]) is None:
+                raise Refused("busy", f"view {views[0]} has no picture yet: ask again later")
+            return Answer(Ack(stamp_ns=clock_ns()), self._encoder.thumbnail(views[0], request.message.width_px))
         with self._lock:
             self._requested |= set(views)
         self._node.wake.set()
@@ -117,8 +118,3 @@ class CameraService:
             self._announce()
             self._node.wake.set()
         return Answer(Ack(stamp_ns=clock_ns(), message="paused" if paused else "looking"))
-
-    def _thumbnail(self, view: int, width_px: int) -> bytes:
-        if self._source.version(view) is None:
-            raise Refused("busy", f"view {view} has no picture yet: ask again later")
-        return self._encoder.thumbnail(view, sending.thumbnail_width_px(width_px, self._settings.thumbnail_width_px))

@@ -14,7 +14,6 @@ from surveilnav.rest import Building, Readiness, RobotHalt, Service, Traffic
 from surveilnav.services.gateway.access_log import AccessLog
 from surveilnav.services.gateway.cameras import Cameras, PastPictures
 from surveilnav.services.gateway.change_detector import ChangeDetector
-from surveilnav.services.gateway.core.metrics import BuildingMetrics
 from surveilnav.services.gateway.core.resources import (
     NEEDED,
     building_from_parts,
@@ -47,25 +46,25 @@ class Gateway:
     def __init__(self, node: Node, root_path: str = "", access_log: AccessLog | None = None) -> None:
         self._node = node
         self.access_log = access_log or AccessLog()
-        self._state = BuildingState(node, root_path)
-        self.missions = Missions(self._state)
-        self.cameras = Cameras(self._state)
+        self.state = BuildingState(node, root_path)
+        self.missions = Missions(self.state)
+        self.cameras = Cameras(self.state)
         self.pictures = PastPictures(node, self.cameras.thumbnails, self.access_log)
-        self.robots = Robots(self._state)
-        self.workers = PerceptionWorkers(self._state)
-        self.maps = Maps(self._state, self.cameras, self.robots, self.missions)
-        self.objects = Objects(self._state)
-        self.recordings = Recordings(self._state)
+        self.robots = Robots(self.state)
+        self.workers = PerceptionWorkers(self.state)
+        self.maps = Maps(self.state, self.cameras, self.robots, self.missions)
+        self.objects = Objects(self.state)
+        self.recordings = Recordings(self.state)
         self.events = BuildingEvents()
-        self.meter = MissionTrafficMeter(self._state)
-        self._detector = ChangeDetector(self._state, self.cameras, self.robots, self.objects, self.events, self.meter)
-        self.replays = Replays(self._state, self._forget_everything)
+        self.meter = MissionTrafficMeter(self.state)
+        self._detector = ChangeDetector(self.state, self.cameras, self.robots, self.objects, self.events, self.meter)
+        self.replays = Replays(self.state, self._forget_everything)
         self.live = LiveStates(node, self._live_resources())
         self.tiles = CameraTiles(node, self.cameras)
 
     def _forget_everything(self) -> None:
         """Clears everything remembered, because a replay jumped and it may be from the replay's future."""
-        for part in (self._state, self.meter, self._detector, self.maps, self.objects):
+        for part in (self.state, self.meter, self._detector, self.maps, self.objects):
             part.clear()
 
     def _live_resources(self) -> dict[str, Callable[[], Resources]]:
@@ -100,36 +99,16 @@ class Gateway:
 
     def traffic(self) -> Traffic:
         """What every node counted, summed by node, camera and robot."""
-        return present_traffic(self._state)
+        return present_traffic(self.state)
 
     def services(self) -> list[Service]:
         """Processes that are kept running, as `surveilnav up` reports them."""
-        supervisors = self._state.services
+        supervisors = self.state.services
         return [
             service_from_state(state, row.received_ns, supervisors.is_old(row))
             for row in supervisors.newest("supervisor").values()
             for state in row.message.services
         ]
-
-    def metrics(self) -> BuildingMetrics:
-        """The state of the building as metrics for Prometheus."""
-        alive, loads = self._node.alive("perception"), self._state.loads
-        workers = {
-            id: (row.message, id not in alive or loads.is_old(row)) for id, row in loads.newest("worker").items()
-        }
-        return BuildingMetrics(
-            cameras=self.cameras.all(),
-            floors=self.maps.floors(),
-            robots=self.robots.all(),
-            missions=self.missions.all(),
-            processes=self.services(),
-            workers=workers,
-            traffic=self.traffic(),
-            recorders=self.recordings.recorders(),
-            ready=self.readiness().ready,
-            event_streams=self.events.n_streams,
-            events=self.events.newest,
-        )
 
     def readiness(self) -> Readiness:
         """Whether a mission could run now, and what is missing."""

@@ -9,6 +9,7 @@ from prometheus_client import CONTENT_TYPE_LATEST, generate_latest
 
 from surveilnav.rest import ROOT, Building, Items, Readiness, RobotHalt, Service, Traffic
 from surveilnav.services.gateway.core.problems import Problem
+from surveilnav.services.gateway.metrics import building_metrics
 from surveilnav.services.gateway.responses import Limit, Offset, Responses, page_of
 from surveilnav.services.gateway.service import Gateway
 
@@ -45,7 +46,7 @@ def router(gateway: Gateway) -> APIRouter:
     @router.get("/metrics", tags=["health"], response_class=Response, responses=_METRICS)
     def metrics() -> Response:
         """All metrics, for Prometheus."""
-        return Response(generate_latest(gateway.metrics()), media_type=CONTENT_TYPE_LATEST)
+        return Response(generate_latest(building_metrics(gateway)), media_type=CONTENT_TYPE_LATEST)
 
     @router.get("/healthz", tags=["health"])
     def healthz() -> dict[str, str]:

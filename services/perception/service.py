@@ -8,16 +8,16 @@ from typing import Any
 
 from surveilnav.bus import Answer, Node, Refused, Request, clock_ns
 from surveilnav.contract import PERCEPTION_INFER, PERCEPTION_LOAD, PERCEPTION_TEXT
-from surveilnav.errors import PerceptionError, TargetError
+from surveilnav.errors import TargetError
 from surveilnav.messages import InferRequest, TextReply, WorkerLoad
 from surveilnav.perception.backend import Backend
 from surveilnav.perception.prompts import word_in_prompt
 from surveilnav.sensing.packing import pack_embedding
 from surveilnav.services.perception.config import PerceptionSettings
-from surveilnav.services.perception.core import probe
 from surveilnav.services.perception.core.checks import check_texts
 from surveilnav.services.perception.embedding import EmbeddingStage
 from surveilnav.services.perception.inference import InferenceHandler
+from surveilnav.services.perception.warm_up import check_backend
 
 _WARM_UP_MS = 2000  # requests before the worker is ready are told to come again after this time
 _QUERIES_PER_VIEW = 16  # capacity of the query queue, per view that may be in progress; it empties fast
@@ -51,16 +51,7 @@ class PerceptionService:
             PerceptionError: the backend fails, or its answer is malformed.
         """
         for n in (1, self._settings.max_batch or self._backend.best_batch):
-            tasks = [probe.probe_task() for _ in range(n)]
-            try:
-                for stage in self._backend.stages:
-                    stage.run(tasks)
-                problems = [probe.find_problem(task.result, self._backend.embedding_dim) for task in tasks]
-                problems.append(self._embedding.find_problem(probe.PROMPTS))
-            except Exception as error:  # a model's library may raise anything
-                problems = [f"{type(error).__name__}: {error}"]
-            if problem := next(filter(None, problems), ""):
-                raise PerceptionError(f"{self._backend.name} doesn't answer a probe picture rightly: {problem}")
+            check_backend(self._backend, self._embedding, n)
         self.ready = True
 
     def infer(self, query: Request) -> Answer | Future[Any]:

@@ -9,7 +9,8 @@ from surveilnav.contract import MAP_REVISION, ROBOT_STATUS
 from surveilnav.errors import MissionError
 from surveilnav.messages import MissionGoal
 from surveilnav.services.planner.config import PlannerSettings
-from surveilnav.services.planner.mission_runner import MissionContext, MissionRunner, new_mission
+from surveilnav.services.planner.mission_runner import MissionRunner
+from surveilnav.services.planner.mission_start import MissionContext, new_mission
 from surveilnav.services.planner.store import Store, StoreError
 from surveilnav.services.planner.summaries import Summaries
 from surveilnav.services.planner.targets import resolve_target

@@ -4,72 +4,30 @@ from __future__ import annotations
 
 import threading
 import time
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
 
 import msgspec
 
-from surveilnav.bus import Node, Publisher, Refused, Table, clock_ns
-from surveilnav.contract import MISSION_PLAN, MISSION_STATUS
-from surveilnav.messages import FINISHED_STATES, MissionGoal, MissionStatus, Plan, Revision, RobotStatus
-from surveilnav.services.planner.config import PlannerSettings
-from surveilnav.services.planner.core import Decision, FloorMaps, MissionState, RobotView, step
+from surveilnav.bus import Refused, clock_ns
+from surveilnav.messages import FINISHED_STATES, MissionGoal, MissionStatus, Plan, RobotStatus
+from surveilnav.services.planner.core import FloorMaps, MissionState, RobotView, step
 from surveilnav.services.planner.floor_maps import FloorMapsClient
 from surveilnav.services.planner.mission_bus import MissionBus, MissionCancelledError, MissionFailedError
+from surveilnav.services.planner.mission_report import MissionReport, plan_from_decision
+from surveilnav.services.planner.mission_start import MissionContext, as_asked
 from surveilnav.services.planner.pausing import Pause, PausedError
-from surveilnav.services.planner.store import PendingAction, SavedMission, Store, StoreError
-from surveilnav.services.planner.summaries import Summaries
-from surveilnav.words import canonical
+from surveilnav.services.planner.store import PendingAction, SavedMission, StoreError
 
 #: How often in a row a robot may refuse a stair before the mission fails. The core gives up the stair long before that.
 _MAX_REFUSALS = 5
 _PAUSE_CHECK_S = 0.1
 
 
-@dataclass(frozen=True, slots=True)
-class MissionContext:
-    """What all missions share: the bus, the settings, the latest messages of fusion and the cameras, and the store."""
-
-    node: Node
-    settings: PlannerSettings
-    revisions: Table[Revision]
-    summaries: Summaries
-    store: Store
-
-
-def new_mission(goal: MissionGoal, target: str, robot: str, message: str = "") -> SavedMission:
-    """A mission before its first step. ``robot`` "": it waits for the goal's robot, or for any; ``message`` says why."""
-    now_ns = clock_ns()
-    asked = _as_asked(goal) if canonical(goal.target) != target else ""
-    return SavedMission(
-        status=MissionStatus(
-            stamp_ns=now_ns,
-            mission=goal.mission,
-            target=target,
-            robot=robot,
-            state="queued",
-            phase="queued",
-            step=0,
-            max_steps=goal.max_steps,
-            path_m=0.0,
-            started_ns=now_ns,
-            message=message,
-            asked=asked,
-        ),
-        wanted_robot=goal.robot,
-    )
-
-
-def _as_asked(goal: MissionGoal) -> str:
-    """The target as the user typed it, on one line."""
-    return " ".join(goal.target.split())
-
-
 class MissionRunner:
     """Runs one mission: a new one, or one from the store.
 
     Attributes:
-        status, plan: the latest status and plan.
+        report: its status and plan, and who publishes them.
         robot: the robot's id; "" while the mission waits for one.
         unsaved: whether the store lacks the latest state.
     """
@@ -77,7 +35,7 @@ class MissionRunner:
     def __init__(self, context: MissionContext, saved: SavedMission) -> None:
         self._node, self._settings, self._store = context.node, context.settings, context.store
         self._summaries = context.summaries
-        self.status, self.plan, self.robot = saved.status, saved.plan, saved.status.robot
+        self.report, self.robot = MissionReport(context.node, saved.status, saved.plan), saved.status.robot
         self._state = self._load_state(saved)
         self._pending, self._cancel, self._pause = saved.pending, saved.cancel, Pause(saved.paused)
         self.wanted_robot = saved.wanted_robot
@@ -95,16 +53,24 @@ class MissionRunner:
             context.revisions,
             FloorMapsClient(self._node, self.status.target, self._settings.ask_timeout_s),
             self.robot,
-            self._report_waiting,
+            self.report.publish_waiting,
             self._check_interrupted,
         )
         # summaries received before the mission count too: its choices of floor are based on them
         heard = sum(self._summaries.received_bytes().values()) - self._summaries.fresh_bytes()
         self._summary_bytes_before = heard - self.status.floor_choice_bytes
-        self._statuses: Publisher | None = None
-        self._plans: Publisher | None = None
         self._thread = threading.Thread(target=self._run, name=f"mission-{self.id}", daemon=True)
         self._starting = threading.Lock()  # a queued mission may be cancelled while it is being started
+
+    @property
+    def status(self) -> MissionStatus:
+        """The latest status."""
+        return self.report.status
+
+    @property
+    def plan(self) -> Plan | None:
+        """The latest plan; None before the first decision."""
+        return self.report.plan
 
     @property
     def id(self) -> str:
@@ -119,8 +85,8 @@ class MissionRunner:
 
         ``target``: the goal's target in perception's present vocabulary, which may have changed since.
         """
-        said = {self.status.target, self.status.asked} - {""}
-        return self.status.max_steps == goal.max_steps and not said.isdisjoint({target, _as_asked(goal)})
+        own = {self.status.target, self.status.asked} - {""}
+        return self.status.max_steps == goal.max_steps and not own.isdisjoint({target, as_asked(goal)})
 
     @property
     def is_queued(self) -> bool:
@@ -146,9 +112,7 @@ class MissionRunner:
 
     def announce(self) -> None:
         """Publishes the mission's status. If it has a robot, it also starts the loop, from the state that was in the store."""
-        self._statuses = self._node.publisher(MISSION_STATUS, mission=self.id)
-        self._plans = self._node.publisher(MISSION_PLAN, mission=self.id)
-        self._publish_status()
+        self.report.open()
         if self.robot:
             self._thread.start()
 
@@ -158,14 +122,14 @@ class MissionRunner:
             if not self.is_queued:
                 return
             waiting = self.status
-            self._update_status(robot=robot, message="")
+            self.report.update(robot=robot, message="")
             try:
                 self.save()
             except StoreError:
-                self.status = waiting
+                self.report.status = waiting
                 raise
             self.robot, self._bus = robot, replace(self._bus, robot=robot)
-            self._publish_status()
+            self.report.publish_status()
             self._thread.start()
 
     def supersede(self, by: str) -> None:
@@ -184,7 +148,7 @@ class MissionRunner:
             self._cancel = reason or "cancelled"
             if self.is_queued:
                 self._end("cancelled", message=self._cancel)
-                self._close()
+                self.report.close()
                 self._ended.set()
         self._save_or_warn()
         self._ended.wait(wait_s)
@@ -209,7 +173,7 @@ class MissionRunner:
 
     def _run(self) -> None:
         try:
-            self._publish_status(
+            self.report.publish_status(
                 state="active", phase="waiting", message="waiting for the robot's first view in the maps"
             )
             self._search_with_pauses()
@@ -230,12 +194,7 @@ class MissionRunner:
         finally:
             self._ended.set()
             if not self._node.stopping.is_set():
-                self._close()
-
-    def _close(self) -> None:
-        for publisher in (self._statuses, self._plans):
-            if publisher is not None:
-                publisher.close()
+                self.report.close()
 
     def _search(self) -> None:
         """The loop, until the mission ends: wait for maps that contain observation n, decide, act, get observation n + 1.
@@ -270,12 +229,12 @@ class MissionRunner:
 
     def _wait_while_paused(self) -> None:
         """Waits until the mission is resumed. MissionCancelledError: it was cancelled, or the service ends."""
-        self._publish_status(state="paused", phase="paused", message=self._pause.reason or "")
+        self.report.publish_status(state="paused", phase="paused", message=self._pause.reason or "")
         while self._pause.reason is not None:
             if self._cancel is not None or self._node.stopping.is_set():
                 raise MissionCancelledError
             self._pause.wait(_PAUSE_CHECK_S)
-        self._publish_status(state="active", phase="waiting", message="going on")
+        self.report.publish_status(state="active", phase="waiting", message="going on")
 
     def _decide(self, status: RobotStatus, maps: FloorMaps) -> PendingAction:
         """Decides on the next action, and writes it to the store before it is sent to the robot."""
@@ -297,13 +256,13 @@ class MissionRunner:
                 "distance_remaining_m": decision.distance_m,
                 "message": decision.message,
             }
-        self._update_status(**facts)
-        self.plan = self._plan(decision, status, maps)
+        self.report.update(**facts)
+        self.report.plan = plan_from_decision(decision, self.status, status, maps, step=self._state.step)
         self._pending = PendingAction.from_decision(decision, status.seq)
         self._save_or_warn()
-        self._publish(self._plans, self.plan)
+        self.report.publish_plan()
         if not decision.finished:
-            self._publish(self._statuses, self.status)
+            self.report.publish_status()
         return self._pending
 
     def _robot_view(self, status: RobotStatus) -> RobotView:
@@ -335,7 +294,7 @@ class MissionRunner:
             self._refusals += 1  # the core counts this against the stair and decides again
             if action != "take_stairs" or self._refusals > _MAX_REFUSALS:
                 raise MissionFailedError("stuck", f"robot {self.robot} refused {action}: {refused}") from refused
-            self._report_waiting(f"robot {self.robot} refused {action}: {refused}")
+            self.report.publish_waiting(f"robot {self.robot} refused {action}: {refused}")
             return
         self._refusals = 0
 
@@ -392,28 +351,10 @@ class MissionRunner:
             self.unsaved = True
             self._node.warn_seldom("store_failed: this mission may not survive a restart", error=str(error))
 
-    # --- status and plan ------------------------------------------------------------------------------------------------
-
-    def _floor_choice_bytes(self) -> int:
-        return sum(self._summaries.received_bytes().values()) - self._summary_bytes_before
-
-    def _report_waiting(self, why: str) -> None:
-        if self.status.message != why:
-            self._publish_status(phase="waiting", message=why)
-
-    def _update_status(self, **changes: Any) -> None:
-        self.status = msgspec.structs.replace(self.status, stamp_ns=clock_ns(), **changes)
-
-    def _publish_status(self, **changes: Any) -> None:
-        self._update_status(**changes)
-        self._publish(self._statuses, self.status)
-
-    def _publish(self, publisher: Publisher | None, message: MissionStatus | Plan) -> None:
-        if publisher is not None:
-            publisher.put(message)
-
     def _end(self, state: str, *, error: str = "", message: str = "", found: bool = False) -> None:
-        self._update_status(
+        """Ends the mission, writes that to the store and publishes it."""
+        floor_choice_bytes = self._floor_choice_bytes()
+        self.report.update(
             state=state,
             phase="finished",
             error=error,
@@ -421,33 +362,19 @@ class MissionRunner:
             found=found,
             finished_ns=clock_ns(),
             distance_remaining_m=None,
-            floor_choice_bytes=self._floor_choice_bytes(),
+            floor_choice_bytes=floor_choice_bytes,
         )
         self._save_or_warn()
-        self._publish(self._statuses, self.status)
+        self.report.publish_status()
         self._node.log.info(
             "mission ended",
             mission=self.id,
             state=state,
             error=error,
             message=message,
-            floor_choice_bytes=self.status.floor_choice_bytes,
+            floor_choice_bytes=floor_choice_bytes,
             summary_bytes_by_floor=self._summaries.received_bytes(),
         )
 
-    def _plan(self, decision: Decision, status: RobotStatus, maps: FloorMaps) -> Plan:
-        return Plan(
-            stamp_ns=clock_ns(),
-            mission=self.id,
-            robot=self.robot,
-            floor=status.floor,
-            step=self._state.step,
-            seq=status.seq,
-            action=decision.action or "",
-            waypoint=decision.waypoint,
-            path_m=[(round(x, 3), round(y, 3)) for x, y in decision.path],
-            candidates=list(decision.candidates),
-            why=decision.message,
-            revision=maps.revision,
-            pending_views=maps.pending_views,
-        )
+    def _floor_choice_bytes(self) -> int:
+        return sum(self._summaries.received_bytes().values()) - self._summary_bytes_before

@@ -9,10 +9,11 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from surveilnav.bus import Answer, Node, Refused, Request, clock_ns
+from surveilnav.bus import Answer, Node, Refused, Request
 from surveilnav.contract import MISSION_CANCEL, MISSION_GOAL, MISSION_PAUSE, MISSION_PLAN, MISSION_STATUS
 from surveilnav.errors import MissionError
-from surveilnav.messages import MissionAck, MissionCancel, MissionGoal, MissionPause
+from surveilnav.messages import MissionCancel, MissionGoal, MissionPause
+from surveilnav.services.planner.acks import acknowledged, refused
 from surveilnav.services.planner.config import PlannerSettings
 from surveilnav.services.planner.mission_registry import MissionRegistry
 from surveilnav.services.planner.mission_runner import MissionRunner
@@ -55,33 +56,33 @@ class PlannerService:
                 raise MissionError("bad_goal", agree)
             mission = self._missions.accept(goal)
         except MissionError as error:
-            return _refused(goal.mission, error.name, str(error))
-        return _acknowledged(mission, accepted=True)
+            return refused(goal.mission, error.name, str(error))
+        return acknowledged(mission, accepted=True)
 
     def _if_open(self, request: Request, act: Callable[[MissionRunner, Any], Answer]) -> Answer:
         """Has ``act`` answer a message about an open mission; refuses one about an unknown mission or one that has ended."""
         id = request.ids["mission"]
         mission = self._missions.get(id)
         if mission is None:
-            return _refused(request.message.mission, "unknown_mission", f"no mission {id!r} is known here")
+            return refused(request.message.mission, "unknown_mission", f"no mission {id!r} is known here")
         if mission.finished:
-            return _acknowledged(mission, accepted=False, message=f"it is {mission.status.state} already")
+            return acknowledged(mission, accepted=False, message=f"it is {mission.status.state} already")
         return act(mission, request.message)
 
     def _cancel(self, mission: MissionRunner, cancel: MissionCancel) -> Answer:
         mission.cancel(cancel.reason, _CANCEL_WAIT_S)
-        return _acknowledged(mission, accepted=True)
+        return acknowledged(mission, accepted=True)
 
     def _pause(self, mission: MissionRunner, wanted: MissionPause) -> Answer:
         """Pauses or resumes a mission, and waits up to three seconds until it is paused or active."""
         if mission.is_queued:
             why = f"mission {mission.id!r} has no robot yet, so there is nothing to pause; cancel it instead"
-            return _refused(mission.id, "not_begun", why)
+            return refused(mission.id, "not_begun", why)
         if not wanted.paused and self._missions.is_halted(mission.robot):
-            return _refused(mission.id, "robot_halted", f"robot {mission.robot!r} is halted: release it first")
+            return refused(mission.id, "robot_halted", f"robot {mission.robot!r} is halted: release it first")
         mission.pause(wanted.reason) if wanted.paused else mission.resume()
         mission.wait_until(paused=wanted.paused, at_most_s=_PAUSE_WAIT_S)
-        return _acknowledged(mission, accepted=True)
+        return acknowledged(mission, accepted=True)
 
     def _answer(self, request: Request, what: Callable[[MissionRunner], Answer | None]) -> list[Answer]:
         """Answers for one mission, or for all if the key has a wildcard."""
@@ -95,25 +96,6 @@ class PlannerService:
         if answer is None:
             raise Refused("no_plan", f"mission {id!r} has no plan yet")
         return [answer]
-
-
-def _acknowledged(mission: MissionRunner, *, accepted: bool, message: str = "") -> Answer:
-    return Answer(
-        MissionAck(
-            stamp_ns=clock_ns(),
-            mission=mission.id,
-            accepted=accepted,
-            state=mission.status.state,
-            robot=mission.robot,
-            target=mission.status.target,
-            message=message,
-        )
-    )
-
-
-def _refused(mission: str, error: str, message: str) -> Answer:
-    ack = MissionAck(stamp_ns=clock_ns(), mission=mission, accepted=False, state="failed", error=error, message=message)
-    return Answer(ack)
 
 
 def _status_of(mission: MissionRunner) -> Answer | None:

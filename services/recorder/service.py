@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import threading
-from contextlib import suppress
 from typing import Any
 
 from surveilnav import contract
-from surveilnav.bus import Answer, Node, Received, clock_ns
-from surveilnav.contract import RECORDER_STATUS, Stream
-from surveilnav.errors import BusError
-from surveilnav.messages import RecorderStatus, Revision
-from surveilnav.perception.prompts import value_prompt
+from surveilnav.bus import Node, Received, clock_ns
+from surveilnav.contract import Stream
 from surveilnav.services.recorder.config import RecorderSettings
 from surveilnav.services.recorder.core.bus_message import BusMessage
+from surveilnav.services.recorder.core.facts import mission_facts, outcome_facts
 from surveilnav.services.recorder.core.names import recording_id
 from surveilnav.services.recorder.folder import RecordingFolder
 from surveilnav.services.recorder.fusion_client import FusionClient
@@ -21,6 +17,7 @@ from surveilnav.services.recorder.map_recorder import MapRecorder
 from surveilnav.services.recorder.prompt_embeddings import PromptEmbeddingRecorder
 from surveilnav.services.recorder.queries import RecordingQueries
 from surveilnav.services.recorder.recorded_mission import RecordedMission, is_under_way
+from surveilnav.services.recorder.status import RecorderStatusPublisher
 from surveilnav.services.recorder.view_recorder import ViewRecorder
 from surveilnav.services.recorder.writer import RecordingWriter
 
@@ -36,11 +33,14 @@ _STREAMS = (
     contract.TRAFFIC,
     contract.SERVICES,
 )
-_STATUS_S = 1.0
 
 
 class RecorderService:
-    """Follows missions, and records what is published about them and the views that go into the maps."""
+    """Follows missions, and records what is published about them and the views that go into the maps.
+
+    Attributes:
+        status: what the recorder tells of itself.
+    """
 
     def __init__(self, node: Node, settings: RecorderSettings, keep_pictures_s: float | None = None) -> None:
         self._node, self._settings = node, settings
@@ -51,11 +51,10 @@ class RecorderService:
         self._embeddings = PromptEmbeddingRecorder(node, self._writer)
         self._maps = MapRecorder(node, settings, fusion, self._writer)
         self._recorded: dict[str, RecordedMission] = {}  # by mission
-        self._status = node.publisher(RECORDER_STATUS, recorder=settings.id)
+        self.status = RecorderStatusPublisher(node, settings.id, self._writer, self._views)
         RecordingQueries(node, settings, self._folder)
-        node.serve(RECORDER_STATUS, lambda _: Answer(self.status()), recorder=settings.id)
         self._tables = {stream: self._table(stream) for stream in _STREAMS}
-        threading.Thread(target=self._publish_status, name="status", daemon=True).start()
+        self.status.start()
 
     def step(self) -> bool:
         """One turn of the loop; returns whether there is more to do."""
@@ -68,27 +67,14 @@ class RecorderService:
         over = [m for m in self._recorded.values() if m.is_over(clock_ns())]
         self._maps.record([m for m in written if m not in over], revisions)
         for mission in over:
-            self._end(mission, revisions)
+            maps = {}
+            if mission.id not in self._writer.failed:
+                self._maps.record([mission], revisions, last=True)
+                maps = self._views.finish(mission)
+            del self._recorded[mission.status.mission]
+            self._maps.forget(mission)
+            self._writer.end(mission.id, {**outcome_facts(mission.status), **maps})
         return more
-
-    def _publish_status(self) -> None:
-        """Publishes the recorder's status until the node ends, also while the loop waits for fusion."""
-        while not self._node.stopping.wait(_STATUS_S):
-            with suppress(BusError):  # the next one follows soon
-                self._status.put(self.status())
-
-    def status(self) -> RecorderStatus:
-        """The recorder's status, without touching the disk, which may hang."""
-        writer = self._writer
-        return RecorderStatus(
-            stamp_ns=clock_ns(),
-            recorder=self._settings.id,
-            recording=writer.open,
-            dropped=writer.dropped,
-            problem=writer.problem or self._views.problem,
-            n_bytes=writer.n_bytes,
-            free_bytes=writer.free_bytes,
-        )
 
     def close(self) -> None:
         """Closes the files. Recordings whose missions go on are marked as interrupted."""
@@ -109,32 +95,12 @@ class RecorderService:
         if mission in self._recorded:
             self._recorded[mission].update(status, clock_ns())
         elif is_under_way(status):
-            self._begin(mission, RecordedMission(recording_id(clock_ns(), mission), status))
-
-    def _begin(self, name: str, mission: RecordedMission) -> None:
-        facts = {
-            "mission": name,
-            "target": mission.status.target,
-            "robot": mission.status.robot,
-            "building": self._node.building,
-            "started_ns": str(mission.status.started_ns),
-            "prompt": value_prompt(mission.status.target),
-        }
-        self._writer.begin(mission.id, facts)
-        self._recorded[name] = mission
-        for stream, table in self._tables.items():  # the newest messages from before
-            for row in [r for r in table.rows() if r.ids.get("mission") in (None, name)]:
-                self._writer.record([mission.id], _bus_message(stream, row))
-
-    def _end(self, mission: RecordedMission, revisions: list[Revision]) -> None:
-        maps = {}
-        if mission.id not in self._writer.failed:
-            self._maps.record([mission], revisions, last=True)
-            maps = self._views.finish(mission)
-        del self._recorded[mission.status.mission]
-        self._maps.forget(mission)
-        facts = {"state": mission.status.state, "found": str(mission.status.found).lower(), **maps}
-        self._writer.end(mission.id, facts)
+            begun = RecordedMission(recording_id(clock_ns(), mission), status)
+            self._writer.begin(begun.id, mission_facts(mission, status, self._node.building))
+            self._recorded[mission] = begun
+            for stream, table in self._tables.items():  # the newest messages from before
+                for before in [r for r in table.rows() if r.ids.get("mission") in (None, mission)]:
+                    self._writer.record([begun.id], _bus_message(stream, before))
 
 
 def _bus_message(stream: Stream, row: Received[Any]) -> BusMessage:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from surveilnav import messages
-from surveilnav.bus import clock_ns
 from surveilnav.geometry import Pose
 from surveilnav.sensing.packing import encode_rgbd
 from surveilnav.sensing.views import TrueInstances
@@ -21,8 +20,8 @@ class EncodedObservation:
     truth: TrueInstances | None
 
 
-def encode(observation: Observation, robot: str, jpeg_quality: int) -> EncodedObservation:
-    """Encodes the pictures and stamps the message with the present time. ``jpeg_quality``: 1-100."""
+def encode(observation: Observation, robot: str, jpeg_quality: int, *, stamp_ns: int) -> EncodedObservation:
+    """Encodes the pictures, with ``jpeg_quality`` 1-100, and makes the message of an observation."""
     state = observation.state
     payload, image, depth = encode_rgbd(
         observation.rgb,
@@ -31,7 +30,7 @@ def encode(observation: Observation, robot: str, jpeg_quality: int) -> EncodedOb
         jpeg_quality=jpeg_quality,
     )
     message = messages.Observation(
-        stamp_ns=clock_ns(),
+        stamp_ns=stamp_ns,
         source=f"robot/{robot}",
         view=0,
         seq=state.seq,

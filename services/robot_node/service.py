@@ -6,18 +6,16 @@ import threading
 import time
 
 from surveilnav.bus import Answer, Node, Refused, Request, clock_ns
-from surveilnav.contract import ROBOT_COMMAND, ROBOT_HALT, ROBOT_OBSERVATION, ROBOT_STATUS, TRUTH
+from surveilnav.contract import ROBOT_COMMAND, ROBOT_HALT, ROBOT_STATUS
 from surveilnav.messages import CommandReply, HaltReply, RobotStatus
-from surveilnav.sensing.truth import truth_to_wire
 from surveilnav.services.robot_node import core
 from surveilnav.services.robot_node.bodies.body import Body
 from surveilnav.services.robot_node.config import RobotSettings
 from surveilnav.services.robot_node.halt_switch import HaltSwitch
-from surveilnav.services.robot_node.observation import EncodedObservation, encode
+from surveilnav.services.robot_node.observation import encode
+from surveilnav.services.robot_node.publishing import ObservationPublisher
 from surveilnav.services.robot_node.verdicts import Judge, StopJudge
 
-#: An observation that no command follows is published again after these pauses [s]: a full link may have dropped it.
-_REPEAT_AFTER_S = (1.0, 2.0, 4.0, 8.0)
 _STATUS_PERIOD_S = 1.0
 _HALT_RETRY_S = 0.05
 
@@ -30,16 +28,13 @@ class RobotService:
         #: Held while a command is carried out.
         self._acting = threading.Lock()
         self._unpublished = True
-        self._latest: EncodedObservation | None = None
-        self._repeats = 0
-        self._published_s = self._status_s = 0.0
+        self._status_s = 0.0
         self._deadline_s: float | None = None
         self._problem = ""
         self._halt_switch = HaltSwitch(settings.store)
         self._stop_judge = StopJudge(node, settings.id, judge) if judge is not None else None
-        self._observations = node.publisher(ROBOT_OBSERVATION, robot=settings.id)
+        self._observations = ObservationPublisher(node, settings.id)
         self._statuses = node.publisher(ROBOT_STATUS, robot=settings.id)
-        self._truths = node.publisher(TRUTH, source=f"robot-{settings.id}", view=0)
         node.serve(ROBOT_COMMAND, self._on_command, robot=settings.id)
         node.serve(ROBOT_HALT, self._on_halt, robot=settings.id)
         node.serve(ROBOT_STATUS, lambda _: Answer(self._status()), robot=settings.id)
@@ -59,7 +54,7 @@ class RobotService:
             if command.mission != body.state.mission:
                 body.begin_mission(command.mission)
             body.act(command.action, command.to_floor)
-            self._unpublished, self._repeats, self._problem = True, 0, ""
+            self._unpublished, self._problem = True, ""
             self._deadline_s = None if body.state.stopped else time.monotonic() + command.deadline_ms / 1000
             self._node.wake.set()
             if self._stop_judge is not None:
@@ -91,13 +86,10 @@ class RobotService:
             self._status_s = now_s
             self._statuses.put(self._status())
         if is_new:
-            self._latest = encode(self._body.observe(), self._settings.id, self._settings.jpeg_quality)
-            self._publish(self._latest, now_s)
+            observed, quality = self._body.observe(), self._settings.jpeg_quality
+            self._observations.publish(encode(observed, self._settings.id, quality, stamp_ns=clock_ns()), now_s)
             return True
-        pause_s = _REPEAT_AFTER_S[min(self._repeats, len(_REPEAT_AFTER_S) - 1)]
-        if self._latest and now_s - self._published_s >= pause_s and self._observations.matched:
-            self._repeats += 1
-            self._publish(self._latest, now_s)
+        self._observations.repeat_if_due(now_s)
         return False
 
     def _check_deadline(self, now_s: float) -> None:
@@ -106,17 +98,6 @@ class RobotService:
             self._deadline_s, self._problem = None, "stopped: no command came before the deadline"
             self._node.log.warning("no command before the deadline: holding still", seq=self._body.state.seq)
             self._status_s = 0.0
-
-    def _publish(self, encoded: EncodedObservation, now_s: float) -> None:
-        self._published_s = now_s
-        message = encoded.message
-        if encoded.truth is not None and self._truths.matched:  # only the backends oracle and simulated ever listen
-            self._truths.put(
-                *truth_to_wire(
-                    encoded.truth, source=message.source, view=message.view, seq=message.seq, stamp_ns=clock_ns()
-                )
-            )
-        self._observations.put(message, encoded.payload)
 
     def _status(self) -> RobotStatus:
         state = self._body.state  # read once: mission and path must belong together

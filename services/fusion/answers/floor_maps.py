@@ -20,6 +20,7 @@ from surveilnav.messages import FloorMapsHeader, LayerPart
 from surveilnav.perception.prompts import value_prompt
 from surveilnav.sensing.layers import GRID_LAYERS
 from surveilnav.sensing.packing import pack_array
+from surveilnav.services.fusion.answers.parameters import number_of
 from surveilnav.services.fusion.answers.reader import MapReader
 from surveilnav.services.fusion.answers.revisions import Revisions
 
@@ -138,7 +139,5 @@ class FloorMapsAnswers:
 
 def _since(request: Request, epoch: str) -> int:
     """The revision that the client has; -1 if it has none of this epoch."""
-    text = request.parameters.get("since", "")
-    if request.parameters.get("epoch") != epoch or not (text.isascii() and text.isdigit() and len(text) <= 16):
-        return -1
-    return int(text)
+    since = number_of(request, "since")
+    return -1 if since is None or request.parameters.get("epoch") != epoch else since

@@ -8,6 +8,7 @@ import msgspec
 
 from surveilnav.bus import Answer, Refused, Request, clock_ns
 from surveilnav.messages import LoggedView, MapSnapshot
+from surveilnav.services.fusion.answers.parameters import number_of
 from surveilnav.services.fusion.building_maps import BuildingMaps, State
 from surveilnav.services.fusion.core.snapshot import digest, pack
 from surveilnav.services.fusion.map_log.log import MapLog
@@ -80,7 +81,9 @@ class LogAnswers:
 
 def _number(request: Request, name: str) -> int:
     """A parameter that is a non-negative number; 0 if it is missing. Refused: bad_number."""
-    text = request.parameters.get(name, "0")
-    if not (text.isascii() and text.isdigit() and len(text) <= 16):
-        raise Refused("bad_number", f"expected {name}=NUMBER, from 0 on, got {text!r:.40}")
-    return int(text)
+    if name not in request.parameters:
+        return 0
+    number = number_of(request, name)
+    if number is None:
+        raise Refused("bad_number", f"expected {name}=NUMBER, from 0 on, got {request.parameters[name]!r:.40}")
+    return number

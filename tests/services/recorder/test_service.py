@@ -243,12 +243,12 @@ def test_while_fusion_is_away_all_else_is_recorded_and_it_is_said(bus, recorder)
     bus.put_status("m1", "active")
     recorder.turn_until(lambda: recorder.states() == {"m1": "recording"} and bus.asked >= 2)
     bus.held, bus.log = False, [1, 2]
-    recorder.turn_until(lambda: "no disk" in recorder.service.status().problem)
+    recorder.turn_until(lambda: "no disk" in recorder.service.status.status().problem)
     bus.put_status("m1", "active", step=4)
     recorder.turn_until(lambda: any(getattr(getattr(t, "message", None), "step", 0) == 4 for t in recorder.items()))
     bus.held = True
     recorder.turn_until(lambda: recorder.views() == [2])
-    assert recorder.service.status().problem == ""
+    assert recorder.service.status.status().problem == ""
 
 
 def test_maps_that_cant_be_had_for_a_new_recording_cost_no_other_its_views(bus, recorder):
@@ -257,7 +257,7 @@ def test_maps_that_cant_be_had_for_a_new_recording_cost_no_other_its_views(bus, 
     recorder.turn_until(lambda: recorder.states() == {"m1": "recording"} and bus.asked >= 2)
     bus.mapped = False
     bus.put_status("m2", "active")
-    recorder.turn_until(lambda: "no message holds" in recorder.service.status().problem)
+    recorder.turn_until(lambda: "no message holds" in recorder.service.status.status().problem)
     bus.log = [1, 2]
     (path,) = recorder.folder.glob("*_m1.mcap")
     recorder.turn_until(
@@ -308,12 +308,12 @@ def test_the_bus_hands_out_recordings_and_deletes_them(bus, recorder, tools):
 def test_a_recording_that_the_disk_refuses_asks_for_nothing_more_and_the_next_is_made(bus, recorder, monkeypatch):
     monkeypatch.setattr(RecordingFile, "flush", lambda self: (_ for _ in ()).throw(OSError("the disk is full")))
     bus.put_status("m1", "active")
-    recorder.turn_until(lambda: "disk is full" in recorder.service.status().problem)
+    recorder.turn_until(lambda: "disk is full" in recorder.service.status.status().problem)
     monkeypatch.undo()
     asked, bus.log = bus.asked, [1, 2]
     bus.put_revision()
     bus.put_status("m1", "done")
-    recorder.turn_until(lambda: recorder.service.status().problem == "" and not recorder.service._recorded)
+    recorder.turn_until(lambda: recorder.service.status.status().problem == "" and not recorder.service._recorded)
     assert bus.asked == asked
     assert bus.told == 0
     bus.put_status("m2", "active")

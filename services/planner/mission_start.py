@@ -1,0 +1,51 @@
+"""What a mission begins with: what all missions share, and its state before the first step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from surveilnav.bus import Node, Table, clock_ns
+from surveilnav.messages import MissionGoal, MissionStatus, Revision
+from surveilnav.services.planner.config import PlannerSettings
+from surveilnav.services.planner.store import SavedMission, Store
+from surveilnav.services.planner.summaries import Summaries
+from surveilnav.words import canonical
+
+
+@dataclass(frozen=True, slots=True)
+class MissionContext:
+    """What all missions share: the bus, the settings, the latest messages of fusion and the cameras, and the store."""
+
+    node: Node
+    settings: PlannerSettings
+    revisions: Table[Revision]
+    summaries: Summaries
+    store: Store
+
+
+def new_mission(goal: MissionGoal, target: str, robot: str, message: str = "") -> SavedMission:
+    """A mission before its first step. ``robot`` "": it waits for the goal's robot, or for any; ``message`` says why."""
+    now_ns = clock_ns()
+    asked = as_asked(goal) if canonical(goal.target) != target else ""
+    return SavedMission(
+        status=MissionStatus(
+            stamp_ns=now_ns,
+            mission=goal.mission,
+            target=target,
+            robot=robot,
+            state="queued",
+            phase="queued",
+            step=0,
+            max_steps=goal.max_steps,
+            path_m=0.0,
+            started_ns=now_ns,
+            message=message,
+            asked=asked,
+        ),
+        wanted_robot=goal.robot,
+    )
+
+
+def as_asked(goal: MissionGoal) -> str:
+    """The target as the user typed it, on one line."""
+    return " ".join(goal.target.split())

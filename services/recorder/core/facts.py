@@ -1,0 +1,23 @@
+"""What a recording says of its mission: when it begins, and when it ends."""
+
+from __future__ import annotations
+
+from surveilnav.messages import MissionStatus
+from surveilnav.perception.prompts import value_prompt
+
+
+def mission_facts(mission: str, status: MissionStatus, building: str) -> dict[str, str]:
+    """The facts that are known when a recording begins."""
+    return {
+        "mission": mission,
+        "target": status.target,
+        "robot": status.robot,
+        "building": building,
+        "started_ns": str(status.started_ns),
+        "prompt": value_prompt(status.target),
+    }
+
+
+def outcome_facts(status: MissionStatus) -> dict[str, str]:
+    """How the mission ended."""
+    return {"state": status.state, "found": str(status.found).lower()}
