@@ -31,6 +31,7 @@ SHAPES: dict[str, str] = {
     "cameras resume": "`Camera`",
     "cameras forget": "`id`, `forgotten`",
     "cameras delete-pictures": "items: `PictureKeeper`",
+    "cameras check": "`cameras` (views by name), `problems`",
     "replay": "with `--check`: `recorded`, `replayed`, `views`, `began_with`, `ended`, `same`",
     "status": "`services`, `robots`, `cameras`, `perception`, `missions`: items each",
     "watch": "one object for each line: `id`, `event`, `data` (`Event`)",

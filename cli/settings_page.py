@@ -84,7 +84,7 @@ _COMMON = {
     "BUS": ("ROUTER", "LOG_FORMAT", "LOG_LEVEL"),
     "PICTURES": ("KEEP_H",),
     "SIM": ("BUILDING", "SEED", "CAMERAS"),
-    "CAMERA": ("ID", "MASKS", "PERCEPTION"),
+    "CAMERA": ("FILE", "ID", "MASKS", "PERCEPTION"),
     "ROBOT": ("ID", "START"),
     "PERCEPTION": ("BACKEND", "DEVICE", "DOWNLOAD"),
     "FUSION": ("SURVEILLANCE", "PRESET", "STORE", "PROMPTS"),

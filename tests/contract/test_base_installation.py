@@ -57,6 +57,8 @@ NEEDING = {
     "models list": ("services", ["models", "list"]),
     "models pull": ("services", ["models", "pull", "yolox-nano"]),
     "models check": ("services", ["models", "check"]),
+    "cameras check": ("services", ["cameras", "check", "cameras.yaml"]),
+    "cameras schema": ("services", ["cameras", "schema"]),
     "dataset build": ("bench", ["dataset", "build"]),
     "dataset check": ("bench", ["dataset", "check"]),
     "dataset show": ("bench", ["dataset", "show"]),

@@ -27,6 +27,8 @@ FRAME_FIELDS = {
     "depth_range_m",
     "image",
     "depth",
+    "clock",
+    "depth_source",
 }
 ODOMETRY_FIELDS = {"T_world_base", "last_action", "collided", "path_m"}
 
@@ -85,7 +87,7 @@ TRUTH_USERS = {
     "robot_node/bodies/body.py",
     "robot_node/bodies/simulated.py",
     "robot_node/observation.py",
-    "robot_node/service.py",
+    "robot_node/publishing.py",
 }
 #: The gateway alone hears the simulator's verdict of a stop; its sums of traffic leave all of that out.
 JUDGED_USERS = {"robot_node/verdicts.py", "gateway/state.py", "gateway/missions.py"}

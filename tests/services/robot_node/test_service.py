@@ -211,7 +211,7 @@ def test_without_a_command_before_the_deadline_it_says_that_it_stopped(robot, cl
 def test_an_observation_that_nobody_follows_up_comes_again(robot, client):
     service = robot(Body())
     slot = client.latest(ROBOT_OBSERVATION, robot="r1")
-    until(lambda: service._observations.matched)
+    until(lambda: service._observations._observations.matched)
     service.step()
     first = until(slot.poll)
 
@@ -228,7 +228,8 @@ def test_an_observation_that_nobody_follows_up_comes_again(robot, client):
 def test_only_a_simulator_tells_what_each_pixel_shows(robot, client, real):
     service = robot(Body(real))
     truths, slot = client.latest(TRUTH, source="robot-r1", view=0), client.latest(ROBOT_OBSERVATION, robot="r1")
-    until(lambda: service._truths.matched and service._observations.matched)
+    sent = service._observations
+    until(lambda: sent._truths.matched and sent._observations.matched)
     service.step()
     seen = until(slot.poll)
     if real:
