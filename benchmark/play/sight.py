@@ -35,10 +35,9 @@ from surveilnav.sensing.packing import (
     decode_frame,
     encode_rgbd,
     pack_embedding,
-    perception_from_wire,
-    perception_to_wire,
     unpack_embedding,
 )
+from surveilnav.sensing.replies import perception_from_wire, perception_to_wire
 from surveilnav.sensing.views import PosedView, TrueInstances, ViewPerception, looks_straight_down
 from surveilnav.services.camera_node.core.summary import ViewLabels, build_summary, merge_labels
 from surveilnav.services.robot_node.bodies.body import Observation

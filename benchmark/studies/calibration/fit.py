@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
 
 import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.special import log_ndtr, ndtr, ndtri
-from scipy.stats import rankdata
 
+from surveilnav.benchmark.studies.calibration.haze import fit_haze, rounded
 from surveilnav.benchmark.studies.calibration.views import MIN_SIZE_RAD, OutcomeTable
 from surveilnav.perception.vocabulary import COCO
-from surveilnav.simulator.truth.error_model import FEATURES, SIGHTS, ErrorModel, Floats, Haze, Kind, Luck, showing
+from surveilnav.simulator.truth.error_model import FEATURES, SIGHTS, ErrorModel, Floats, Kind, Luck
 
 MIN_SCORE = 0.25
 #: Standard deviations of the priors of all weights, and of a class's own part of them.
@@ -28,7 +27,6 @@ _PAIRS = 40_000
 _DRAWS = 16
 _FEW_PAIRS = 20
 _FEW_WEAK = 20
-_HAZE_RIDGE = 30.0
 _NO_SCORE = (-1e-3, 0.0)  # (ease, score) of what is missed, where too few weak scores tell more
 _NAMES = 5.0  # as many of every name count as if they had come out as measured
 _RAREST = 1e-4  # share of a name that is known at all
@@ -170,7 +168,7 @@ def fit_kind(rows: OutcomeTable, presence: NDArray[np.float32], seed: int = 0) -
             of: _score_knots(ease[is_own == (of == "right")], found.score[m], _missed(rows, presence, of == "right"))
             for of, m in certain.items()
         },
-        {of: _rounded(np.quantile(found.certainty[m], _QUANTILES)) if m.any() else [1.0] for of, m in certain.items()},
+        {of: rounded(np.quantile(found.certainty[m], _QUANTILES)) if m.any() else [1.0] for of, m in certain.items()},
         {of: _boxes(found.box[m]) for of, m in certain.items()} | _boxes_by_name(wrong),
         own,
         own_luck,
@@ -279,16 +277,12 @@ def _boxes(boxes: Floats) -> list[list[float]]:
     )
     order = np.argsort(size, kind="stable")
     chosen = order[np.linspace(0, len(order) - 1, min(_BOXES, len(order))).round().astype(int)]
-    return [_rounded(boxes[i]) for i in chosen]
+    return [rounded(boxes[i]) for i in chosen]
 
 
 def _boxes_by_name(wrong: OutcomeTable) -> dict[str, list[list[float]]]:
     counts = Counter(wrong.name.tolist())
     return {name: _boxes(wrong.box[wrong.name == name]) for name in sorted(counts) if counts[name] >= _FEW_BOXES}
-
-
-def _rounded(values: Iterable[float]) -> list[float]:
-    return [round(float(v), 3) for v in values]
 
 
 def fit(rows: dict[str, OutcomeTable], presence: NDArray[np.float32], source: str) -> ErrorModel:
@@ -301,7 +295,7 @@ def fit(rows: dict[str, OutcomeTable], presence: NDArray[np.float32], source: st
     for view, name in said:
         unsaid[view, COCO.index(name)] = np.nan
     kinds = {kind: fit_kind(r, unsaid) for kind, r in rows.items()}
-    return ErrorModel(what, source, MIN_SCORE, MIN_SIZE_RAD, kinds, _haze(rows, unsaid))
+    return ErrorModel(what, source, MIN_SCORE, MIN_SIZE_RAD, kinds, fit_haze(rows, unsaid))
 
 
 def matched(model: ErrorModel, measured: dict[str, OutcomeTable], drawn: dict[str, OutcomeTable]) -> ErrorModel:
@@ -360,42 +354,3 @@ def _moved(names: dict[str, _Shares], sight: str, measured: OutcomeTable, drawn:
         total = sum(moved.values())
         out[label] = {name: max(_RAREST, round(share / total, 4)) for name, share in moved.items()}
     return out
-
-
-def _haze(rows: dict[str, OutcomeTable], unsaid: NDArray[np.float32]) -> dict[str, Haze]:
-    """What weak scores make of classes that a view neither shows nor says, where they make anything: normal scores of it
-    by ridge regression on what shows."""
-    things = rows["thing"]
-    left = unsaid.copy()
-    left[things.view, [COCO.index(label) for label in things.labels]] = np.nan
-    labels, shown, camera = _shown(rows, len(unsaid))
-    x = np.column_stack([shown, camera])
-    haze = {}
-    for i, name in enumerate(COCO):
-        there = np.isfinite(left[:, i])
-        quantiles = np.quantile(left[there, i], np.linspace(0, 1, 9)) if there.any() else np.zeros(9)
-        if quantiles[6] < 0.04:
-            continue
-        normal = ndtri((rankdata(left[there, i]) - 0.5) / there.sum())
-        mean = x[there].mean(axis=0)
-        centred = x[there] - mean
-        w = np.linalg.solve(centred.T @ centred + _HAZE_RIDGE * np.eye(x.shape[1]), centred.T @ normal)
-        rest = max(0.05, 1.0 - float((centred @ w).var()))
-        beside = {label: round(float(v), 3) for label, v in zip(labels, w[:-1], strict=True)}
-        haze[name] = Haze(_rounded(quantiles), beside, *_rounded([w[-1], mean @ w, np.sqrt(rest)]))
-    return haze
-
-
-def _shown(rows: dict[str, OutcomeTable], n_views: int) -> tuple[list[str], Floats, Floats]:
-    """Labels, how large things of each show in each view (views, labels), and whether it is a camera's."""
-    seen = [rows[kind] for kind in ("thing", "other") if kind in rows]
-    labels = sorted({label for r in seen for label in r.classes})
-    shown, camera = np.zeros((n_views, len(labels))), np.zeros(n_views)
-    column = {label: i for i, label in enumerate(labels)}
-    for r in seen:
-        camera[r.view] = r.x[:, FEATURES.index("camera")]
-        named = np.flatnonzero(r.labels != "")
-        for there in np.split(named, np.flatnonzero(np.diff(r.view[named])) + 1):  # rows of a view are side by side
-            for label, clear in showing(r.labels[there].tolist(), r.x[there]).items():
-                shown[r.view[there[0]], column[label]] = clear
-    return labels, shown, camera

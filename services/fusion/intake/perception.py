@@ -20,7 +20,8 @@ from surveilnav.bus import Node, Received, Refused, clock_ns
 from surveilnav.contract import PERCEPTION_INFER
 from surveilnav.errors import BusError, PerceptionError, WireError
 from surveilnav.messages import FrameHeader, InferReply, InferRequest
-from surveilnav.sensing.packing import decode_frame, perception_from_wire
+from surveilnav.sensing.packing import decode_frame
+from surveilnav.sensing.replies import perception_from_wire
 from surveilnav.sensing.views import ViewPerception, looks_straight_down
 from surveilnav.services.fusion.building_maps import BuildingMaps
 from surveilnav.services.fusion.config import FusionSettings

@@ -9,7 +9,8 @@ import msgspec
 from surveilnav.bus import Node
 from surveilnav.errors import WireError
 from surveilnav.messages import FrameHeader, InferReply
-from surveilnav.sensing.packing import decode_frame, perception_from_wire
+from surveilnav.sensing.packing import decode_frame
+from surveilnav.sensing.replies import perception_from_wire
 from surveilnav.services.fusion.building_maps import BuildingMaps
 from surveilnav.services.fusion.core.snapshot import SnapshotError, unpack
 from surveilnav.services.fusion.map_log.store import Entry, Store

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surveilnav.messages import InferReply, InferRequest, ModelIds
-from surveilnav.sensing.packing import perception_to_wire
+from surveilnav.sensing.replies import perception_to_wire
 from surveilnav.sensing.views import ViewPerception
 
 

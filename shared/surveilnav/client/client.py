@@ -12,28 +12,22 @@ and its text says what to do. Only the calls that return arrays need numpy.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
 import httpx
-from pydantic import BaseModel, ValidationError
 
 from surveilnav import rest
-from surveilnav.client.events import ServerEvent, follow
+from surveilnav.client.connection import GatewayConnection
+from surveilnav.client.events import ServerEvent
 from surveilnav.client.npy import array_of, rows_of
-from surveilnav.errors import GatewayError
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
-
-R = TypeVar("R", bound=BaseModel)
-T = TypeVar("T")
-#: The most items that are read of a list: the newest, where it has an order of time.
-_MAX_ITEMS = 1000
 
 
 class Client:
@@ -49,11 +43,8 @@ class Client:
     """
 
     def __init__(self, url: str, timeout_s: float = 30.0, transport: httpx.BaseTransport | None = None) -> None:
-        self.url = url.rstrip("/")
-        try:
-            self._http = httpx.Client(base_url=self.url, timeout=timeout_s, transport=transport)
-        except httpx.InvalidURL as error:
-            raise self._unreachable(error) from error
+        self._gateway = GatewayConnection(url.rstrip("/"), timeout_s, transport)
+        self.url = self._gateway.url
 
     def __enter__(self) -> Client:
         return self
@@ -63,7 +54,7 @@ class Client:
 
     def close(self) -> None:
         """Closes its connections."""
-        self._http.close()
+        self._gateway.close()
 
     # --- missions ---------------------------------------------------------------------------------------------------
 
@@ -87,111 +78,110 @@ class Client:
         """
         goal = {"target": target, "robot": robot, "max_steps": max_steps, "queue": queue}
         headers = {"Idempotency-Key": idempotency_key} if idempotency_key else {}
-        return self._one(rest.Mission, "POST", "missions", json=goal, headers=headers)
+        return self._gateway.one(rest.Mission, "POST", "missions", json=goal, headers=headers)
 
     def missions(self) -> list[rest.Mission]:
         """The newest 1,000, newest first."""
-        return self._list(rest.Mission, "GET", "missions")
+        return self._gateway.items(rest.Mission, "GET", "missions")
 
     def mission(self, id: str) -> rest.Mission:
         """One mission."""
-        return self._one(rest.Mission, "GET", f"missions/{_id(id)}")
+        return self._gateway.one(rest.Mission, "GET", f"missions/{_id(id)}")
 
     def mission_traffic(self, id: str) -> rest.MissionTraffic:
         """What cameras and robots sent while a mission ran, and a forecast."""
-        return self._one(rest.MissionTraffic, "GET", f"missions/{_id(id)}/traffic")
+        return self._gateway.one(rest.MissionTraffic, "GET", f"missions/{_id(id)}/traffic")
 
     def plan(self, id: str) -> rest.MissionPlan:
         """A mission's present plan: what was weighed, and why."""
-        return self._one(rest.MissionPlan, "GET", f"missions/{_id(id)}/plan")
+        return self._gateway.one(rest.MissionPlan, "GET", f"missions/{_id(id)}/plan")
 
     def cancel(self, id: str, reason: str = "") -> rest.Mission:
         """Ends a mission; its robot stops."""
-        return self._one(rest.Mission, "POST", f"missions/{_id(id)}/cancel", json={"reason": reason})
+        return self._gateway.one(rest.Mission, "POST", f"missions/{_id(id)}/cancel", json={"reason": reason})
 
     def pause(self, id: str, reason: str = "") -> rest.Mission:
         """Has a mission's robot stay where it is."""
-        return self._one(rest.Mission, "POST", f"missions/{_id(id)}/pause", json={"reason": reason})
+        return self._gateway.one(rest.Mission, "POST", f"missions/{_id(id)}/pause", json={"reason": reason})
 
     def resume(self, id: str) -> rest.Mission:
         """Resumes a paused mission."""
-        return self._one(rest.Mission, "POST", f"missions/{_id(id)}/resume")
+        return self._gateway.one(rest.Mission, "POST", f"missions/{_id(id)}/resume")
 
     # --- robots -----------------------------------------------------------------------------------------------------
 
     def robots(self) -> list[rest.Robot]:
         """All robots."""
-        return self._list(rest.Robot, "GET", "robots")
+        return self._gateway.items(rest.Robot, "GET", "robots")
 
     def stop_robots(self, reason: str = "") -> list[rest.RobotHalt]:
         """EMERGENCY STOP: all robots, at once."""
-        return self._list(rest.RobotHalt, "POST", "robots/stop", json={"reason": reason})
+        return self._gateway.items(rest.RobotHalt, "POST", "robots/stop", json={"reason": reason})
 
     def release_robots(self) -> list[rest.RobotHalt]:
         """Releases all robots; nothing moves by that."""
-        return self._list(rest.RobotHalt, "POST", "robots/release")
+        return self._gateway.items(rest.RobotHalt, "POST", "robots/release")
 
     # --- cameras ----------------------------------------------------------------------------------------------------
 
     def cameras(self) -> list[rest.Camera]:
         """All cameras."""
-        return self._list(rest.Camera, "GET", "cameras")
+        return self._gateway.items(rest.Camera, "GET", "cameras")
 
     def camera(self, id: str) -> rest.Camera:
         """One camera."""
-        return self._one(rest.Camera, "GET", f"cameras/{_id(id)}")
+        return self._gateway.one(rest.Camera, "GET", f"cameras/{_id(id)}")
 
     def picture(self, id: str, view: int) -> bytes:
         """A JPEG that the camera makes for this call."""
-        return self._request("GET", f"{rest.ROOT}/cameras/{_id(id)}/views/{view}.jpg").content
+        return self._gateway.content(f"cameras/{_id(id)}/views/{view}.jpg")
 
     def latest_picture(self, id: str, view: int | None = None) -> bytes:
         """A JPEG that is at most a second old, shared by all viewers; of the first view if none is named."""
-        return self._request("GET", f"{rest.ROOT}/cameras/{_id(id)}/latest.jpg", params=_given(view=view)).content
+        return self._gateway.content(f"cameras/{_id(id)}/latest.jpg", **_given(view=view))
 
     def cones(self, id: str) -> list[rest.CameraCone]:
         """The area of floor that each view shows."""
-        return self._list(rest.CameraCone, "GET", f"cameras/{_id(id)}/cones")
+        return self._gateway.items(rest.CameraCone, "GET", f"cameras/{_id(id)}/cones")
 
     def access_records(self, id: str) -> list[rest.AccessRecord]:
         """Who was shown a camera's pictures, newest first."""
-        return self._list(rest.AccessRecord, "GET", f"cameras/{_id(id)}/looks")
+        return self._gateway.items(rest.AccessRecord, "GET", f"cameras/{_id(id)}/looks")
 
     def pause_camera(self, id: str) -> rest.Camera:
         """Has a camera show nothing."""
-        return self._one(rest.Camera, "POST", f"cameras/{_id(id)}/pause")
+        return self._gateway.one(rest.Camera, "POST", f"cameras/{_id(id)}/pause")
 
     def resume_camera(self, id: str) -> rest.Camera:
         """Has a paused camera look again."""
-        return self._one(rest.Camera, "POST", f"cameras/{_id(id)}/resume")
+        return self._gateway.one(rest.Camera, "POST", f"cameras/{_id(id)}/resume")
 
     def remove_camera(self, id: str) -> None:
         """Forgets a camera whose process has ended."""
-        self._request("DELETE", f"{rest.ROOT}/cameras/{_id(id)}")
+        self._gateway.request("DELETE", f"{rest.ROOT}/cameras/{_id(id)}")
 
     def forget_pictures(self) -> list[rest.PictureKeeper]:
         """Has all services forget past pictures, and returns what each answered."""
-        return self._list(rest.PictureKeeper, "DELETE", "pictures")
+        return self._gateway.items(rest.PictureKeeper, "DELETE", "pictures")
 
     # --- maps and objects -------------------------------------------------------------------------------------------
 
     def buildings(self) -> list[rest.Building]:
         """The building that the gateway serves."""
-        return self._list(rest.Building, "GET", "buildings")
+        return self._gateway.items(rest.Building, "GET", "buildings")
 
     def floors(self) -> list[rest.Floor]:
         """Its floors."""
-        return self._list(rest.Floor, "GET", "floors")
+        return self._gateway.items(rest.Floor, "GET", "floors")
 
     def layer(self, floor: str, layer: str, target: str = "") -> rest.Layer:
         """Where a map layer lies in the world."""
         address = f"floors/{_id(floor)}/layers/{_id(layer)}"
-        return self._one(rest.Layer, "GET", address, params=_given(target=target))
+        return self._gateway.one(rest.Layer, "GET", address, params=_given(target=target))
 
     def layer_picture(self, floor: str, layer: str, target: str = "") -> bytes:
         """A PNG of a map layer, north up."""
-        address = f"{rest.ROOT}/floors/{_id(floor)}/layers/{_id(layer)}.png"
-        return self._request("GET", address, params=_given(target=target)).content
+        return self._gateway.content(f"floors/{_id(floor)}/layers/{_id(layer)}.png", **_given(target=target))
 
     def layer_array(self, floor: str, layer: str, target: str = "") -> NDArray:
         """(rows, cols) of a map layer: uint8 0 or 1, or float32 with NaN where unknown; row 0 is the southernmost.
@@ -206,56 +196,56 @@ class Client:
 
     def layer_npy(self, floor: str, layer: str, target: str = "") -> bytes:
         """A map layer as a .npy file, which ``numpy.load`` reads."""
-        return self._npy(f"floors/{_id(floor)}/layers/{_id(layer)}.npy", **_given(target=target))
+        return self._gateway.content(f"floors/{_id(floor)}/layers/{_id(layer)}.npy", **_given(target=target))
 
     def cloud(self, floor: str, points: int = 50_000) -> NDArray[np.float32]:
         """(N, 6): x, y, z [m, world] and red, green, blue [0-1] of at most so many points of the joint cloud."""
-        return array_of(self._npy(f"floors/{_id(floor)}/cloud.npy", points=points))
+        return array_of(self._gateway.content(f"floors/{_id(floor)}/cloud.npy", points=points))
 
     def objects(
         self, text: str = "", *, floor: str = "", label: str = "", status: str = "", min_confidence: float = 0.0
     ) -> list[rest.Object]:
         """The objects that the maps hold; with a ``text``, those that look most like it first."""
         params = _given(text=text, floor=floor, label=label, status=status, min_confidence=min_confidence)
-        return self._list(rest.Object, "GET", "objects", params=params)
+        return self._gateway.items(rest.Object, "GET", "objects", params=params)
 
     def object(self, floor: str, id: int) -> rest.Object:
         """One object with its whole history."""
-        return self._one(rest.Object, "GET", f"floors/{_id(floor)}/objects/{id}")
+        return self._gateway.one(rest.Object, "GET", f"floors/{_id(floor)}/objects/{id}")
 
     def object_picture(self, floor: str, id: int, number: int) -> bytes:
         """A JPEG of what an event of an object's history (by its place, from 0) saw; GatewayError once it isn't kept."""
-        return self._request("GET", f"{rest.ROOT}/floors/{_id(floor)}/objects/{id}/history/{number}.jpg").content
+        return self._gateway.content(f"floors/{_id(floor)}/objects/{id}/history/{number}.jpg")
 
     # --- the system -------------------------------------------------------------------------------------------------
 
     def perception(self) -> list[rest.Worker]:
         """Perception workers."""
-        return self._list(rest.Worker, "GET", "perception")
+        return self._gateway.items(rest.Worker, "GET", "perception")
 
     def targets(self) -> list[rest.Target]:
         """What can be searched for by name. Workers that understand any word have no names."""
-        return self._list(rest.Target, "GET", "targets")
+        return self._gateway.items(rest.Target, "GET", "targets")
 
     def services(self) -> list[rest.Service]:
         """Processes that are kept running."""
-        return self._list(rest.Service, "GET", "services")
+        return self._gateway.items(rest.Service, "GET", "services")
 
     def traffic(self) -> rest.Traffic:
         """Bytes by node, camera and robot."""
-        return self._one(rest.Traffic, "GET", "traffic")
+        return self._gateway.one(rest.Traffic, "GET", "traffic")
 
     def metrics(self) -> str:
         """All that is counted, in Prometheus's text format."""
-        return self._request("GET", "/metrics").text
+        return self._gateway.request("GET", "/metrics").text
 
     def alive(self) -> bool:
         """Whether the gateway lives."""
-        return bool(self._json("GET", "/healthz")["status"] == "ok")
+        return bool(self._gateway.json("GET", "/healthz")["status"] == "ok")
 
     def readiness(self) -> rest.Readiness:
         """Whether a mission could run now. GatewayError "not_ready": its text says what is missing."""
-        return self._parsed(rest.Readiness, "/readyz", self._json("GET", "/readyz"))
+        return self._gateway.parsed(rest.Readiness, "/readyz", self._gateway.json("GET", "/readyz"))
 
     # --- streams ----------------------------------------------------------------------------------------------------
 
@@ -268,132 +258,51 @@ class Client:
         Args:
             last_id: the id of the last event that was received before; with it, the stream goes on after that event.
         """
-        return self._follow("events", last_id, lambda kind, data: rest.Event.model_validate(data))
+        return self._gateway.follow("events", last_id, lambda kind, data: rest.Event.model_validate(data))
 
     def live(self, last_id: str = "") -> Iterator[ServerEvent[rest.LiveState]]:
         """Yields the state of everything, then of each thing whenever it changes. It connects again as ``events`` does.
 
         After a `reset`, forget all that was received before: the state of everything follows.
         """
-        return self._follow("live", last_id, rest.LiveState.of_kind)
+        return self._gateway.follow("live", last_id, rest.LiveState.of_kind)
 
     def tiles(self, of: Sequence[str], last_id: str = "") -> Iterator[ServerEvent[rest.TileState]]:
         """Small pictures of these views ("c0-1/3", at most 32), as they change."""
         address = f"tiles?{'&'.join(f'of={_id(view)}' for view in of)}"
-        return self._follow(address, last_id, lambda kind, data: rest.TileState.model_validate(data))
+        return self._gateway.follow(address, last_id, lambda kind, data: rest.TileState.model_validate(data))
 
     # --- recordings -------------------------------------------------------------------------------------------------
 
     def recorders(self) -> list[rest.Recorder]:
         """The recorders, and how much room they have."""
-        return self._list(rest.Recorder, "GET", "recorders")
+        return self._gateway.items(rest.Recorder, "GET", "recorders")
 
     def recordings(self, mission: str = "") -> list[rest.Recording]:
         """Recorded missions, the newest first; only of one mission, if it is named."""
-        return self._list(rest.Recording, "GET", "recordings", params=_given(mission=mission))
+        return self._gateway.items(rest.Recording, "GET", "recordings", params=_given(mission=mission))
 
     def recording(self, id: str) -> rest.Recording:
         """One recording."""
-        return self._one(rest.Recording, "GET", f"recordings/{_id(id)}")
+        return self._gateway.one(rest.Recording, "GET", f"recordings/{_id(id)}")
 
     def download_recording(self, id: str, path: Path) -> None:
         """Writes a recording's file to ``path``, piece by piece. Raises OSError as the disk does."""
-        with self._http.stream("GET", f"{rest.ROOT}/recordings/{_id(id)}/file") as answer:
-            if answer.is_error:
-                answer.read()
-                raise self._refusal(answer)
-            with path.open("wb") as file:
-                for piece in answer.iter_bytes():
-                    file.write(piece)
+        self._gateway.download(f"recordings/{_id(id)}/file", path)
 
     def remove_recording(self, id: str) -> None:
         """Deletes a recording and its file."""
-        self._request("DELETE", f"{rest.ROOT}/recordings/{_id(id)}")
+        self._gateway.request("DELETE", f"{rest.ROOT}/recordings/{_id(id)}")
 
     def replay(self) -> rest.Replay:
         """The state of the recording that this gateway shows."""
-        return self._one(rest.Replay, "GET", "replay")
+        return self._gateway.one(rest.Replay, "GET", "replay")
 
     def change_replay(
         self, *, at_s: float | None = None, speed: float | None = None, playing: bool | None = None
     ) -> rest.Replay:
         """Has the recording that this gateway shows go to a moment, change its speed, play or stand still."""
-        return self._one(rest.Replay, "PATCH", "replay", json=_given(at_s=at_s, speed=speed, playing=playing))
-
-    # --- requests ---------------------------------------------------------------------------------------------------
-
-    def _one(self, model: type[R], method: str, path: str, **options: Any) -> R:
-        return self._parsed(model, path, self._json(method, f"{rest.ROOT}/{path}", **options))
-
-    def _list(self, model: type[R], method: str, path: str, **options: Any) -> list[R]:
-        if method == "GET":
-            options["params"] = {"limit": _MAX_ITEMS, **options.get("params", {})}
-        answer = self._json(method, f"{rest.ROOT}/{path}", **options)
-        return self._parsed(rest.Items[model], path, answer).items  # type: ignore[valid-type]
-
-    def _npy(self, path: str, **params: Any) -> bytes:
-        return self._request("GET", f"{rest.ROOT}/{path}", params=params).content
-
-    def _parsed(self, model: type[R], path: str, answer: Any) -> R:
-        try:
-            return model.model_validate(answer)
-        except ValidationError as error:
-            raise self._bad_answer(path, model.__name__, error) from error
-
-    def _bad_answer(self, path: str, expected: str, error: ValidationError) -> GatewayError:
-        wrong = error.errors()[0]
-        where = ".".join(str(part) for part in wrong["loc"]) or "the answer"
-        return GatewayError(
-            "bad_answer",
-            f"expected {expected} from {path} of {self.url}, got something else ({where}: {wrong['msg']}). The gateway may be of "
-            "another version than this client.",
-        )
-
-    def _json(self, method: str, path: str, **options: Any) -> Any:
-        answer = self._request(method, path, **options)
-        try:
-            return answer.json()
-        except ValueError:
-            raise self._no_json(answer) from None
-
-    def _request(self, method: str, path: str, **options: Any) -> httpx.Response:
-        try:
-            answer = self._http.request(method, path, **options)
-        except (httpx.HTTPError, httpx.InvalidURL) as error:
-            raise self._unreachable(error) from error
-        if answer.is_error:
-            raise self._refusal(answer)
-        return answer
-
-    def _follow(self, path: str, last_id: str, parse: Callable[[str, dict[str, Any]], T]) -> Iterator[ServerEvent[T]]:
-        def parsed(kind: str, data: dict[str, Any]) -> T:
-            try:
-                return parse(kind, data)
-            except ValidationError as error:
-                raise self._bad_answer(path, f"an event ({kind})", error) from error
-
-        return follow(self._http, f"{rest.ROOT}/{path}", last_id, parsed, self._refusal, self._unreachable)
-
-    def _unreachable(self, error: Exception) -> GatewayError:
-        return GatewayError(
-            "no_gateway",
-            f"no gateway answers at {self.url} ({error}). Start one with `surveilnav up` or `docker compose up`, or name its "
-            "address with --url or SURVEILNAV_URL.",
-        )
-
-    def _refusal(self, answer: httpx.Response) -> GatewayError:
-        """The problem that an error answer has (RFC 9457); errors of other servers go by their status."""
-        try:
-            problem = answer.json()
-        except ValueError:
-            return self._no_json(answer)
-        problem = problem if isinstance(problem, dict) else {}
-        name = str(problem.get("type", "")).rpartition(":")[2] or str(answer.status_code)
-        return GatewayError(name, str(problem.get("detail") or problem.get("title") or answer.reason_phrase))
-
-    def _no_json(self, answer: httpx.Response) -> GatewayError:
-        what = f"{answer.url.path} answered {answer.status_code} without JSON"
-        return GatewayError("no_gateway", f"{self.url} isn't a SurveilNav gateway: {what}")
+        return self._gateway.one(rest.Replay, "PATCH", "replay", json=_given(at_s=at_s, speed=speed, playing=playing))
 
 
 def _id(id: str) -> str:

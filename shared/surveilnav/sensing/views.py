@@ -1,6 +1,6 @@
 """Views and perception's results as arrays.
 
-``surveilnav.messages`` has the corresponding messages; ``surveilnav.sensing.packing`` converts between the two.
+``surveilnav.messages`` has the corresponding messages; ``surveilnav.sensing.packing`` and ``replies`` convert between the two.
 """
 
 from __future__ import annotations

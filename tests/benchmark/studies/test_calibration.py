@@ -13,13 +13,13 @@ from surveilnav.benchmark.dataset.splits import SPLITS, SplitSpec
 from surveilnav.benchmark.studies.calibration import views
 from surveilnav.benchmark.studies.calibration.fit import (
     _rare_dropped,
-    _shown,
     both_above,
     fit,
     fit_luck,
     fit_probit,
     matched,
 )
+from surveilnav.benchmark.studies.calibration.haze import _shown
 from surveilnav.benchmark.studies.calibration.page import Side, compare
 from surveilnav.benchmark.studies.calibration.run import main, presence_of
 from surveilnav.benchmark.studies.calibration.tour import Tour, views_on

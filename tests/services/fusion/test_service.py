@@ -34,11 +34,10 @@ from surveilnav.sensing.packing import (
     decode_frame,
     encode_rgbd,
     pack_embedding,
-    perception_from_wire,
-    perception_to_wire,
     unpack_array,
     unpack_embedding,
 )
+from surveilnav.sensing.replies import perception_from_wire, perception_to_wire
 from surveilnav.sensing.views import DetectedObject, ViewPerception
 from surveilnav.services.fusion.config import FusionSettings
 from surveilnav.services.fusion.core import FusionConfig, JointMap

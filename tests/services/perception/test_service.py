@@ -19,7 +19,8 @@ from surveilnav.contract import PERCEPTION_INFER, PERCEPTION_LOAD, PERCEPTION_TE
 from surveilnav.geometry import Pinhole
 from surveilnav.messages import InferRequest, PayloadPart, Truth
 from surveilnav.perception.backend import Backend, Stage, ViewTask
-from surveilnav.sensing.packing import encode_rgbd, pack_array, perception_from_wire, unpack_embedding
+from surveilnav.sensing.packing import encode_rgbd, pack_array, unpack_embedding
+from surveilnav.sensing.replies import perception_from_wire
 from surveilnav.sensing.views import ViewPerception
 from surveilnav.services.perception.config import PerceptionSettings
 from surveilnav.services.perception.service import PerceptionService

@@ -1,6 +1,6 @@
 """The joint point cloud (the paper's section IV-C.1): voxels with mean position and colour, who saw them when, and carving.
 
-Voxels are stored in one array. A spatial hash (``voxels.Index``) finds them by blocks of 4x4x4 voxels, and blocks by regions of
+Voxels are stored in one array. A spatial hash (``Index``) finds them by blocks of 4x4x4 voxels, and blocks by regions of
 8x8x8 blocks. So the cost of adding a point doesn't depend on the size of the map, and neither does that of carving by a view,
 which only looks at the regions in front of it.
 """
@@ -17,6 +17,7 @@ from surveilnav.services.fusion.core.config import MapConfig
 from surveilnav.services.fusion.core.maps import voxels
 from surveilnav.services.fusion.core.maps.carving import FreeDepthImage
 from surveilnav.services.fusion.core.maps.provenance import MAX_SETS, SourceSets
+from surveilnav.services.fusion.core.maps.voxel_index import grow_index, new_index
 from surveilnav.services.fusion.core.maps.voxels import BITS, HALF, MASK, NEVER, VOXEL
 
 
@@ -36,7 +37,7 @@ class VoxelCloud:
     def __init__(self, config: MapConfig) -> None:
         self._config = config
         self._voxels = np.zeros(1 << 12, VOXEL)
-        self._index = voxels.new_index(1 << 10)
+        self._index = new_index(1 << 10)
         self._n = 0
         self._max_blocks = config.max_voxels // 4 + 1024  # a surface fills at least eight voxels of a block
         self._sets = SourceSets()
@@ -205,7 +206,7 @@ class VoxelCloud:
             self._voxels = larger
         n_blocks = min(int(self._index.counts[0]) + n, self._max_blocks)
         if n_blocks > len(self._index.block_keys):
-            self._index = voxels.grow_index(self._index, max(n_blocks, 2 * len(self._index.block_keys)))
+            self._index = grow_index(self._index, max(n_blocks, 2 * len(self._index.block_keys)))
 
     def _remove_carved(self) -> None:
         kept = self._voxels[: self._n][~self._is_carved()]
@@ -214,12 +215,12 @@ class VoxelCloud:
         self._rebuild_index()
 
     def _rebuild_index(self) -> None:
-        self._index = voxels.new_index(1 << 10)
+        self._index = new_index(1 << 10)
         for start in range(0, self._n, 1 << 16):
             stop = min(start + (1 << 16), self._n)
             n_blocks = int(self._index.counts[0]) + stop - start
             if n_blocks > len(self._index.block_keys):
-                self._index = voxels.grow_index(self._index, max(n_blocks, 2 * len(self._index.block_keys)))
+                self._index = grow_index(self._index, max(n_blocks, 2 * len(self._index.block_keys)))
             voxels.index_voxels(self._voxels, self._index, start, stop)
 
 

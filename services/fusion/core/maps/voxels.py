@@ -6,11 +6,8 @@ helper that is compiled into it wouldn't be noticed in another file.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 BITS = 21  # per axis: +-26 km at 2.5 cm
 HALF = 1 << (BITS - 1)
@@ -44,52 +41,6 @@ _MAX_VOXEL_WEIGHT = 16_800_000  # from which a voxel's mean no longer changes; 2
 COARSE_CELLS = 2  # side of a coarse cell, in cells (carving.FreeDepthImage)
 
 
-class Index(NamedTuple):
-    """Spatial hash of the voxels: blocks of 4x4x4 voxels, and regions of 8x8x8 blocks.
-
-    All numbers of voxels, blocks and regions in it are stored plus one, so that 0 means none.
-    """
-
-    counts: NDArray[np.int64]  # number of blocks, number of regions
-    block_keys: NDArray[np.int64]
-    block_voxels: NDArray[np.int32]  # (n, 64): the voxels of each block
-    block_next: NDArray[np.int32]  # linked list: the next block of the same region
-    block_slots: NDArray[np.int32]  # hash table of the blocks
-    region_keys: NDArray[np.int64]
-    region_first: NDArray[np.int32]  # the first block of each region
-    region_slots: NDArray[np.int32]  # hash table of the regions
-
-
-def new_index(n_blocks: int) -> Index:
-    """An empty index with room for ``n_blocks``."""
-    slots = 1 << (2 * n_blocks - 1).bit_length()
-    return Index(
-        np.zeros(2, np.int64),
-        np.zeros(n_blocks, np.int64),
-        np.zeros((n_blocks, 64), np.int32),
-        np.zeros(n_blocks, np.int32),
-        np.zeros(slots, np.int32),
-        np.zeros(n_blocks, np.int64),
-        np.zeros(n_blocks, np.int32),
-        np.zeros(slots, np.int32),
-    )
-
-
-def grow_index(index: Index, n_blocks: int) -> Index:
-    """A copy of an index with room for ``n_blocks``."""
-    larger = new_index(n_blocks)
-    larger.counts[:] = index.counts
-    blocks, regions = index.counts
-    larger.block_keys[:blocks] = index.block_keys[:blocks]
-    larger.block_voxels[:blocks] = index.block_voxels[:blocks]
-    larger.block_next[:blocks] = index.block_next[:blocks]
-    larger.region_keys[:regions] = index.region_keys[:regions]
-    larger.region_first[:regions] = index.region_first[:regions]
-    _fill_slots(larger.block_keys[:blocks], larger.block_slots)
-    _fill_slots(larger.region_keys[:regions], larger.region_slots)
-    return larger
-
-
 @njit(cache=True, nogil=True, inline="always")
 def _find_slot(keys, slots, key):  # type: ignore[no-untyped-def]
     """The slot of a key in a hash table, or the empty slot where it would go (linear probing)."""
@@ -102,7 +53,8 @@ def _find_slot(keys, slots, key):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _fill_slots(keys, slots):  # type: ignore[no-untyped-def]
+def fill_slots(keys, slots):  # type: ignore[no-untyped-def]
+    """Enters all keys in an empty hash table."""
     for i in range(len(keys)):
         slots[_find_slot(keys, slots, keys[i])] = i + 1
 

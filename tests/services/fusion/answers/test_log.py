@@ -10,7 +10,8 @@ import pytest
 from surveilnav.bus import Refused, Request
 from surveilnav.geometry import Pose
 from surveilnav.messages import FrameHeader, InferReply
-from surveilnav.sensing.packing import decode_frame, encode_rgbd, perception_from_wire, perception_to_wire
+from surveilnav.sensing.packing import decode_frame, encode_rgbd
+from surveilnav.sensing.replies import perception_from_wire, perception_to_wire
 from surveilnav.sensing.views import DetectedObject
 from surveilnav.services.fusion.answers.log import LogAnswers
 from surveilnav.services.fusion.building_maps import BuildingMaps

@@ -12,7 +12,8 @@ import structlog
 
 from surveilnav.geometry import Pose
 from surveilnav.messages import FrameHeader, InferReply
-from surveilnav.sensing.packing import decode_frame, encode_rgbd, perception_from_wire, perception_to_wire
+from surveilnav.sensing.packing import decode_frame, encode_rgbd
+from surveilnav.sensing.replies import perception_from_wire, perception_to_wire
 from surveilnav.sensing.views import DetectedObject
 from surveilnav.services.fusion.building_maps import BuildingMaps
 from surveilnav.services.fusion.config import FusionSettings
