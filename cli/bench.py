@@ -62,7 +62,6 @@ def run(
     """Play episodes. You may kill it at any time and start it again. Exit 0 only if all episodes were played."""
     from surveilnav.benchmark.runner.run import run as play
     from surveilnav.benchmark.runner.settings import RunSettings, run_id
-    from surveilnav.benchmark.runner.summary import SUCCESS_RULE, summarise
     from surveilnav.cli.progress import counting
     from surveilnav.errors import ConfigError
 
@@ -91,16 +90,23 @@ def run(
     _say_faults(finished)
     if not finished.records:
         raise ConfigError(f"no episode could be played; see above, or {folder}")
-    if as_json:
-        print(json.dumps(_numbers(finished, folder, time.monotonic() - began_s)))
-    else:
-        s = summarise(finished.records)
-        console.print(
-            f"{s.episodes} of {s.episodes + finished.missing} episodes: SR {s.sr}, SPL {s.spl}, SoftSPL {s.soft_spl}"
-        )
-        console.print("  " + ", ".join(f"{k} {v}" for k, v in s.reasons.items()))
-        console.print(f"  success: {SUCCESS_RULE}; records in {folder}")
+    _print_outcome(finished, folder, time.monotonic() - began_s, as_json)
     sys.exit(0 if finished.complete else 1)
+
+
+def _print_outcome(finished: Finished, folder: Path, seconds: float, as_json: bool) -> None:
+    """Prints what came out of a run."""
+    from surveilnav.benchmark.runner.summary import SUCCESS_RULE, summarise
+
+    if as_json:
+        print(json.dumps(_numbers(finished, folder, seconds)))
+        return
+    s = summarise(finished.records)
+    console.print(
+        f"{s.episodes} of {s.episodes + finished.missing} episodes: SR {s.sr}, SPL {s.spl}, SoftSPL {s.soft_spl}"
+    )
+    console.print("  " + ", ".join(f"{k} {v}" for k, v in s.reasons.items()))
+    console.print(f"  success: {SUCCESS_RULE}; records in {folder}")
 
 
 def _say_faults(finished: Finished) -> None:

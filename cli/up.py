@@ -10,6 +10,7 @@ from pathlib import Path
 from rich.console import Console
 
 from surveilnav.bus import Node
+from surveilnav.camera_plan import CameraPlan
 from surveilnav.cli.progress import bar
 from surveilnav.cli.stack import Stack, environment
 from surveilnav.cli.supervisor import Supervisor
@@ -44,11 +45,7 @@ def run_up(
         area_per_camera_m2=area_per_camera_m2,
         cameras_everywhere=cameras_everywhere,
     )
-    with bar(console) as progress:
-        simulated = SimulatedBuilding(settings, progress)
-        plan = simulated.prepare()
-    for note in simulated.notes:
-        console.print(f"note: {note}", markup=False)
+    plan = _prepare(console, settings)
     # Maps and missions of a building, to go on with next time; never those of another one, or of its plan before a change.
     state = logs / "state" / plan.scene_hash[:16]
     variables = environment(
@@ -62,15 +59,9 @@ def run_up(
         state=state,
         cameras_everywhere=cameras_everywhere,
         recordings=logs.parent / "recordings",
-    ) | {"SURVEILNAV_GATEWAY__PORT": str(port)}
-    # Who looked at which camera is kept whatever the building's plan: the environment may say where else, or "" for nowhere.
-    variables["SURVEILNAV_GATEWAY__ACCESS_LOG"] = os.environ.get(
-        "SURVEILNAV_GATEWAY__ACCESS_LOG", str((logs / "looks").resolve())
-    )
+    ) | _gateway_variables(port, logs)
     names = [camera.name for camera in plan.cameras] if surveillance else []
-    stopping = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stopping.set())
+    stopping = _set_by_signals()
     with (
         Stack(variables, logs, names, gateway=True, recorder=record) as stack,
         Node("cli", "up", stack.bus, alive=False) as node,
@@ -82,10 +73,40 @@ def run_up(
         )
         if record:
             console.print(f"recordings: {variables['SURVEILNAV_RECORDER__FOLDER']}", markup=False)
-        for load in (answer.message for answer in node.ask_all(PERCEPTION_LOAD)):
-            console.print(f"perception: {load.backend} ({why_perceived(load.why, load.calibrated)})", markup=False)
+        _print_perception(console, node)
         console.print('try: surveilnav find "tv"    stop: Ctrl-C')
         supervisor = Supervisor(stack, node, lambda text: console.print(text, markup=False, soft_wrap=True))
         while not stopping.wait(_TEND_S):
             supervisor.tend()
     console.print("stopped")
+
+
+def _prepare(console: Console, settings: SimulationSettings) -> CameraPlan:
+    """Prepares the building, prints what is worth noting about it, and returns its camera plan."""
+    with bar(console) as progress:
+        simulated = SimulatedBuilding(settings, progress)
+        plan = simulated.prepare()
+    for note in simulated.notes:
+        console.print(f"note: {note}", markup=False)
+    return plan
+
+
+def _gateway_variables(port: int, logs: Path) -> dict[str, str]:
+    """The gateway's settings. Who looked at which camera is kept whatever the building's plan: the environment may say
+    where else, or "" for nowhere."""
+    access_log = os.environ.get("SURVEILNAV_GATEWAY__ACCESS_LOG", str((logs / "looks").resolve()))
+    return {"SURVEILNAV_GATEWAY__PORT": str(port), "SURVEILNAV_GATEWAY__ACCESS_LOG": access_log}
+
+
+def _set_by_signals() -> threading.Event:
+    """An event that Ctrl-C and SIGTERM set from now on."""
+    stopping = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stopping.set())
+    return stopping
+
+
+def _print_perception(console: Console, node: Node) -> None:
+    """Prints which backend each perception worker runs, and why."""
+    for load in (answer.message for answer in node.ask_all(PERCEPTION_LOAD)):
+        console.print(f"perception: {load.backend} ({why_perceived(load.why, load.calibrated)})", markup=False)

@@ -187,6 +187,13 @@ def router(cameras: Cameras, pictures: PastPictures, access_log: AccessLog) -> A
         """The area of floor that each view shows."""
         return page_of(cameras.cones(id))
 
+    _add_changes(router, cameras, pictures)
+    return router
+
+
+def _add_changes(router: APIRouter, cameras: Cameras, pictures: PastPictures) -> None:
+    """Adds the addresses that pause or remove a camera, or forget pictures."""
+
     @router.post("/cameras/{id}/pause", status_code=202)
     def pause(id: Id) -> Camera:
         """Pauses a camera: it takes and sends no pictures until it is resumed or its process is restarted."""
@@ -206,5 +213,3 @@ def router(cameras: Cameras, pictures: PastPictures, access_log: AccessLog) -> A
     def forget() -> Items[PictureKeeper]:
         """Has all services forget past pictures, within seconds. Maps, reports in folders and recordings stay."""
         return page_of(pictures.forget())
-
-    return router

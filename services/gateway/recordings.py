@@ -167,6 +167,24 @@ def _no_replay() -> Problem:
     return Problem(404, "no_replay", detail)
 
 
+def _file_response(recordings: Recordings, asked: Recording, range: str, if_range: str) -> StreamingResponse:
+    """A recording's file, or the part of it that the headers ``Range`` and ``If-Range`` ask for."""
+    total, tag = asked.n_bytes, f'"{asked.id}-{asked.n_bytes}"'
+    part = byte_range(range, total) if range and if_range in ("", tag) else None
+    first, after = part or (0, total)
+    headers = {
+        "Accept-Ranges": "bytes",
+        "ETag": tag,
+        "Content-Length": str(after - first),
+        "Content-Disposition": f'attachment; filename="{asked.id}.mcap"',
+    }
+    if part:
+        headers["Content-Range"] = f"bytes {first}-{after - 1}/{total}"
+    parts = recordings.parts(asked, first, after)
+    begin = list(islice(parts, 1))  # so that a problem is answered before anything is sent
+    return StreamingResponse(chain(begin, parts), 206 if part else 200, headers, media_type="application/octet-stream")
+
+
 def router(recordings: Recordings, replays: Replays, access_log: AccessLog) -> APIRouter:
     """The addresses of recordings, recorders and the replay."""
     router = APIRouter(prefix=ROOT, tags=["recordings"])
@@ -200,24 +218,10 @@ def router(recordings: Recordings, replays: Replays, access_log: AccessLog) -> A
         """The recording as an MCAP file; with ``Range`` a part of it, so that a download can be resumed. Of a recording that is
         being written, the answer is what exists now. A download counts as an access to each camera in the recording."""
         asked = recordings.one(id)
-        total, tag = asked.n_bytes, f'"{id}-{asked.n_bytes}"'
-        part = byte_range(range, total) if range and if_range in ("", tag) else None
-        first, after = part or (0, total)
-        headers = {
-            "Accept-Ranges": "bytes",
-            "ETag": tag,
-            "Content-Length": str(after - first),
-            "Content-Disposition": f'attachment; filename="{id}.mcap"',
-        }
-        if part:
-            headers["Content-Range"] = f"bytes {first}-{after - 1}/{total}"
-        parts = recordings.parts(asked, first, after)
-        begin = list(islice(parts, 1))  # so that a problem is answered before anything is sent
+        response = _file_response(recordings, asked, range, if_range)
         for camera in recordings.cameras_in(asked):
             access_log.record(request, camera, ALL_VIEWS, "recording")
-        return StreamingResponse(
-            chain(begin, parts), 206 if part else 200, headers, media_type="application/octet-stream"
-        )
+        return response
 
     @router.delete("/recordings/{id}", status_code=204)
     def delete(id: _RecordingId) -> None:

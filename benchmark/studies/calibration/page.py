@@ -6,6 +6,7 @@ import itertools
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -151,11 +152,7 @@ def correlations(side: Side, kind: str) -> list[tuple[float, float]]:
 
 def compare(real: Side, sims: Sequence[Side], model: ErrorModel, about: str) -> str:
     """The page; ``about`` says which model each building is compared with."""
-
-    def row(name: str, of: Callable[[Side], float], n: int | None = None, digits: int = 2) -> str:
-        values = [of(side) for side in sims]
-        low, mean, high = (f"{f(values):.{digits}f}" for f in (min, np.mean, max))
-        return f"| {name} | {'' if n is None else n} | {of(real):.{digits}f} | {mean} ({low}–{high}) |"
+    row = partial(_row, real, sims)
 
     def named(name: str, keep: NDArray[np.bool_]) -> str:
         return row(name, lambda side: side.named(keep), int(keep.sum()))
@@ -187,18 +184,7 @@ def compare(real: Side, sims: Sequence[Side], model: ErrorModel, about: str) -> 
             "",
             "| measure | pairs | real | simulated |",
             "|---|---|---|---|",
-            row("false targets a robot view", lambda side: side.false_rate(~real.is_camera)),
-            row("false targets a camera view", lambda side: side.false_rate(real.is_camera)),
-            row(
-                "a second view within 1 m and 30° repeats a false target", lambda s: s.repeated()[0], real.repeated()[1]
-            ),
-            *_persistence(row),
-            row("mean score of right names", lambda side: float(side.right_scores().mean())),
-            row("mean score of false targets", lambda side: float(side.false_scores().mean())),
-            row("value (cosine of view and target): 10 % quantile", lambda s: float(np.quantile(s.values(), 0.1))),
-            row("value: median", lambda s: float(np.median(s.values()))),
-            row("value: 90 % quantile", lambda s: float(np.quantile(s.values(), 0.9))),
-            row("value: correlation with the real one's", lambda s: _correlation(s.values(), real.values())),
+            *_measures(real, row),
             "",
             "## What is called what",
             "",
@@ -222,6 +208,31 @@ def compare(real: Side, sims: Sequence[Side], model: ErrorModel, about: str) -> 
             "",
         ]
     )
+
+
+def _row(
+    real: Side, sims: Sequence[Side], name: str, of: Callable[[Side], float], n: int | None = None, digits: int = 2
+) -> str:
+    """A measure of the real side, and its mean (least–most) over the simulated ones. ``n``: of how many it is."""
+    values = [of(side) for side in sims]
+    low, mean, high = (f"{f(values):.{digits}f}" for f in (min, np.mean, max))
+    return f"| {name} | {'' if n is None else n} | {of(real):.{digits}f} | {mean} ({low}–{high}) |"
+
+
+def _measures(real: Side, row: Callable[..., str]) -> list[str]:
+    """The lines on false targets, persistence and value."""
+    return [
+        row("false targets a robot view", lambda side: side.false_rate(~real.is_camera)),
+        row("false targets a camera view", lambda side: side.false_rate(real.is_camera)),
+        row("a second view within 1 m and 30° repeats a false target", lambda s: s.repeated()[0], real.repeated()[1]),
+        *_persistence(row),
+        row("mean score of right names", lambda side: float(side.right_scores().mean())),
+        row("mean score of false targets", lambda side: float(side.false_scores().mean())),
+        row("value (cosine of view and target): 10 % quantile", lambda s: float(np.quantile(s.values(), 0.1))),
+        row("value: median", lambda s: float(np.median(s.values()))),
+        row("value: 90 % quantile", lambda s: float(np.quantile(s.values(), 0.9))),
+        row("value: correlation with the real one's", lambda s: _correlation(s.values(), real.values())),
+    ]
 
 
 def _confusion(real: Side, sims: Sequence[Side]) -> list[str]:
