@@ -26,6 +26,7 @@ SHAPES: dict[str, str] = {
     "missions cancel": "`Mission`",
     "missions pause": "`Mission`",
     "missions resume": "`Mission`",
+    "where": "`Sightings`",
     "cameras": "items: `Camera`",
     "cameras pause": "`Camera`",
     "cameras resume": "`Camera`",

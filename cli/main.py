@@ -26,6 +26,7 @@ from surveilnav.cli import (
     survey,
     traffic,
     watch,
+    where,
 )
 from surveilnav.cli.exits import Exit
 from surveilnav.cli.replay.command import replay
@@ -60,7 +61,16 @@ for _command in (start.demo, start.up, start.prepare, survey.buildings, survey.h
 app.command(rich_help_panel=_RUNNING)(missions.find)
 app.add_typer(missions.app, name="missions", rich_help_panel=_RUNNING)
 app.add_typer(cameras.app, name="cameras", rich_help_panel=_RUNNING)
-for _command in (status.status, watch.watch, objects.objects, map.map_, traffic.traffic, robots.stop, robots.release):
+for _command in (
+    where.where,
+    status.status,
+    watch.watch,
+    objects.objects,
+    map.map_,
+    traffic.traffic,
+    robots.stop,
+    robots.release,
+):
     app.command(_command.__name__.rstrip("_"), rich_help_panel=_RUNNING)(_command)
 app.add_typer(models.app, name="models", rich_help_panel=_BENCHMARK)
 app.add_typer(dataset.app, name="dataset", rich_help_panel=_BENCHMARK)

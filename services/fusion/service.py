@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from surveilnav.bus import Answer, Node, Request, clock_ns
 from surveilnav.contract import (
+    CAMERA_SEARCH,
     FLOOR_MAPS,
     FORGET_PICTURES,
     MAP_LAYER,
@@ -14,6 +15,7 @@ from surveilnav.contract import (
     VIEW_PICTURE,
 )
 from surveilnav.messages import PicturesForgotten
+from surveilnav.services.fusion.answers.camera_search import CameraSearchAnswers
 from surveilnav.services.fusion.answers.floor_maps import FloorMapsAnswers
 from surveilnav.services.fusion.answers.layers import LayerAnswers
 from surveilnav.services.fusion.answers.log import LogAnswers
@@ -46,6 +48,8 @@ class FusionService:
         self._node.serve(FLOOR_MAPS, FloorMapsAnswers(reader, self._revisions).floor_maps, workers=3)
         self._node.serve(MAP_LAYER, LayerAnswers(self._node, reader).layer, workers=3)
         self._node.serve(OBJECTS, objects.objects)
+        search = CameraSearchAnswers(self._node, self._maps, self._intake)
+        self._node.serve(CAMERA_SEARCH, search.search, workers=2, fusion=self._node.id)
         self._node.serve(VIEW_PICTURE, objects.picture)
         self._node.serve(MAP_REVISION, self._revisions.answer)
         self._node.serve(FORGET_PICTURES, self._on_forget, keeper=self._node.id)

@@ -5,7 +5,18 @@ from __future__ import annotations
 from fastapi import FastAPI
 
 from surveilnav import __version__
-from surveilnav.services.gateway import cameras, maps, missions, objects, pages, recordings, robots, streams, system
+from surveilnav.services.gateway import (
+    cameras,
+    maps,
+    missions,
+    objects,
+    pages,
+    recordings,
+    robots,
+    sightings,
+    streams,
+    system,
+)
 from surveilnav.services.gateway.request_checks import RequestChecks
 from surveilnav.services.gateway.responses import PROBLEMS, add_problem_handlers
 from surveilnav.services.gateway.service import Gateway
@@ -30,6 +41,7 @@ def create_app(gateway: Gateway, allowed_hosts: frozenset[str] | None) -> FastAP
     app.include_router(robots.router(gateway.robots, gateway.workers))
     app.include_router(maps.router(gateway.maps))
     app.include_router(objects.router(gateway.objects, gateway.access_log))
+    app.include_router(sightings.router(gateway.sightings))
     app.include_router(recordings.router(gateway.recordings, gateway.replays, gateway.access_log))
     app.include_router(streams.router(gateway.events, gateway.live, gateway.tiles, gateway.access_log))
     app.include_router(system.router(gateway))

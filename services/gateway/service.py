@@ -25,6 +25,7 @@ from surveilnav.services.gateway.missions import Missions
 from surveilnav.services.gateway.objects import Objects
 from surveilnav.services.gateway.recordings import Recordings, Replays
 from surveilnav.services.gateway.robots import PerceptionWorkers, Robots
+from surveilnav.services.gateway.sightings import CameraSightings
 from surveilnav.services.gateway.state import BuildingState
 from surveilnav.services.gateway.stream_sources import BuildingEvents, LiveStates, Resources
 from surveilnav.services.gateway.tiles import CameraTiles
@@ -54,6 +55,7 @@ class Gateway:
         self.workers = PerceptionWorkers(self.state)
         self.maps = Maps(self.state, self.cameras, self.robots, self.missions)
         self.objects = Objects(self.state)
+        self.sightings = CameraSightings(self.state, self.objects)
         self.recordings = Recordings(self.state)
         self.events = BuildingEvents()
         self.meter = MissionTrafficMeter(self.state)

@@ -304,6 +304,19 @@ OBJECTS = Stream(
     "objects and what last happened to them; object=ID: one, with all that ever did; history=all: all, with all; "
     "text=WORDS: with how well each fits; detail=brief: without points and events",
 )
+CAMERA_SEARCH = Stream(
+    "camera_search",
+    "{building}/camera_search/{fusion}",
+    m.CameraSearchReport,
+    "fusion",
+    "query",
+    None,
+    60_000,
+    "data",
+    "look for something with all cameras of a floor, or of all; the answer comes when every view was looked at, or in time",
+    request=m.CameraSearch,
+    allows_wildcard=True,
+)
 VIEW_PICTURE = Stream(
     "view_picture",
     "{building}/view_picture/{floor}",

@@ -37,6 +37,7 @@ ASKING = {
     "cameras resume": ["cameras", "resume", "c0-1"],
     "cameras forget": ["cameras", "forget", "c0-1"],
     "cameras delete-pictures": ["cameras", "delete-pictures"],
+    "where": ["where", "tv"],
     "status": ["status"],
     "watch": ["watch"],
     "objects": ["objects"],

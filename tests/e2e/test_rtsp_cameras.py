@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from surveilnav.bus.router import free_port
+from surveilnav.client import Client
 from surveilnav.contract import CAMERA_INFO, OBJECTS
+from surveilnav.errors import GatewayError
 from surveilnav.messages import FINISHED_STATES, CameraInfo, ObjectRecord
 from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings
 from tests import rendered_streams, streams
@@ -38,7 +43,10 @@ def streamed(tmp_path_factory: pytest.TempPathFactory, home_cache: Path) -> Iter
     ):
         file = folder / "cameras.yaml"
         file.write_text(rendered_streams.cameras_yaml(building, VIEWS, address))
-        yield Streamed(start(cameras=1, perception="compact", cameras_file=file, lighting="baked"), server)
+        yield Streamed(
+            start(cameras=1, perception="compact", cameras_file=file, lighting="baked", gateway_port=free_port()),
+            server,
+        )
 
 
 def _live(system: System, camera: str) -> CameraInfo | None:
@@ -61,6 +69,28 @@ def test_a_mission_over_streams_succeeds_and_a_camera_saw_the_target(streamed: S
     assert (ended.state, ended.found) == ("done", True), ended
     tvs = [o for o in objects(s, "tv") if "camera/c0-1v8" in o.sources]
     assert tvs, "the camera's stream showed the tv, too"
+
+
+@pytest.mark.slow
+def test_the_cameras_alone_say_where_something_is(streamed: Streamed) -> None:
+    s = streamed.system
+    client = Client(f"http://127.0.0.1:{s.gateway_port}")
+    found = client.where("television")
+    assert found.target == "tv"
+    assert found.complete, found
+    assert {c.id: (c.views, c.lacking) for c in found.cameras} == {"c0-1v8": (1, ""), "c0-1v2": (1, "")}
+    assert found.sightings
+    best = found.sightings[0]
+    (tv,) = s.building.scene.labelled("tv")
+    tv_m = (np.asarray(tv.p_min) + np.asarray(tv.p_max)) / 2
+    assert best.label == "tv"
+    assert math.dist(best.position_m[:2], tv_m[:2]) < 0.6 + 2 * best.position_sigma_m
+    assert best.picture is not None
+    assert client.object_picture(best.floor, best.object, int(best.picture.split("/")[-1].split(".")[0])).startswith(
+        b"\xff\xd8"
+    )
+    with pytest.raises(GatewayError, match="no camera has announced itself on floor"):
+        client.where("tv", floor="nowhere")
 
 
 @pytest.mark.slow

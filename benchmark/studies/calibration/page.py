@@ -172,7 +172,7 @@ def compare(real: Side, sims: Sequence[Side], model: ErrorModel, about: str) -> 
             "",
             "![luck, scores, false alarms, value](behaviour.png)",
             "",
-            "## MeasuredDetection, and called by its own name",
+            "## Found, and called by its own name",
             "",
             "| class | visible | real | simulated |",
             "|---|---|---|---|",

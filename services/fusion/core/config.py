@@ -198,6 +198,11 @@ class FootPointConfig(_Part):
     gate: float = Field(
         default=2.5, gt=0, description="two things may be one if they are within this many standard deviations"
     )
+    confirm_max_sigma_m: float = Field(
+        default=0.0,
+        ge=0,
+        description="an object that is less certain isn't confirmed; 0: only where a sensor has measured",
+    )
     miss_max_sigma_m: float = Field(
         default=0.25, ge=0, description="an object that is less certain isn't missed where a robot looks"
     )

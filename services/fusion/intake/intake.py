@@ -6,9 +6,10 @@ import time
 from collections.abc import Mapping
 
 from surveilnav.bus import Node, Received
-from surveilnav.messages import FrameHeader
+from surveilnav.messages import CameraInfo, FrameHeader
 from surveilnav.services.fusion.building_maps import BuildingMaps
 from surveilnav.services.fusion.config import FusionSettings
+from surveilnav.services.fusion.intake.camera_searches import CameraSearches
 from surveilnav.services.fusion.intake.perception import PerceptionClient
 from surveilnav.services.fusion.intake.pictures import PictureCache
 from surveilnav.services.fusion.intake.ranking import ViewRanking
@@ -26,13 +27,15 @@ class ViewIntake:
     """Takes frames from the bus and returns them as perceived views.
 
     Attributes:
+        searches: the open searches with cameras alone.
         texts: embeds texts with the model that embeds the views.
     """
 
     def __init__(self, node: Node, settings: FusionSettings, maps: BuildingMaps) -> None:
         self._views_per_step = settings.camera_views_per_step
-        self._words = SearchedWords(node, settings.prompts)
-        self._sources = Sources(node, settings, maps, self._words)
+        self.searches = CameraSearches()
+        self._words = SearchedWords(node, settings.prompts, self.searches)
+        self._sources = Sources(node, settings, maps, self._words, self.searches)
         self._pictures = PictureCache(settings.picture_cache_mb << 20)
         self._workers = Workers(node)
         self.positions = RobotPositions()
@@ -47,6 +50,14 @@ class ViewIntake:
     def cameras(self) -> Mapping[str, InvokedCamera]:
         """The cameras that are invoked now, by name."""
         return self._sources.cameras
+
+    def announced_cameras(self) -> list[CameraInfo]:
+        """All cameras that have announced themselves, invoked or not. Safe from any thread."""
+        return self._sources.infos()
+
+    def is_perceiving(self, camera: str) -> bool:
+        """Whether a view of a camera waits for perception, or for the maps. Safe from any thread."""
+        return self._perception.has_views_of(f"camera/{camera}")
 
     @property
     def problem(self) -> str:

@@ -37,9 +37,13 @@ _MAX_ATTEMPTS = 3  # with a picture that perception refuses for a reason that do
 
 @dataclass(slots=True)
 class _Lane:
-    """The waiting and the finished pictures of one kind of source. ``done`` has few, since decoded pictures are large."""
+    """The waiting and the finished pictures of one kind of source. ``done`` has few, since decoded pictures are large.
+
+    ``active`` is the view that is being perceived, or that waits for room in ``done``.
+    """
 
     done: queue.Queue[PerceivedView]
+    active: ViewKey | None = None
     waiting: OrderedDict[ViewKey, Received[FrameHeader]] = field(default_factory=OrderedDict)
     problem: str = ""
 
@@ -94,6 +98,13 @@ class PerceptionClient:
                 for key in [k for k in lane.waiting if k[0] == source]:
                     del lane.waiting[key]
 
+    def has_views_of(self, source: str) -> bool:
+        """Whether a view of a source waits, is being perceived, or has yet to be popped."""
+        with self._lock:
+            keys = [key for lane in (self._robots, self._cameras) for key in (*lane.waiting, lane.active)]
+            keys += [view.key for lane in (self._robots, self._cameras) for view in list(lane.done.queue)]
+        return any(key is not None and key[0] == source for key in keys)
+
     def pop_robots(self) -> list[PerceivedView]:
         return _drain(self._robots.done, 1000)
 
@@ -110,6 +121,7 @@ class PerceptionClient:
             frame = self._next_frame(lane)
             if frame is not None and (finished := self._try_to_perceive(lane, frame)) is not None:
                 self._deliver(lane, finished)
+            lane.active = None
 
     def _try_to_perceive(self, lane: _Lane, frame: Received[FrameHeader]) -> PerceivedView | None:
         """Calls ``_perceive`` and catches every exception, because no other thread serves this lane."""
@@ -145,6 +157,7 @@ class PerceptionClient:
         is_ranked = lane is self._cameras and len(headers) > 1
         key = self._ranking.pop_best(headers) if is_ranked else next(iter(headers))
         with self._lock:
+            lane.active = key
             return lane.waiting.pop(key, None)
 
     def _perceive(self, lane: _Lane, frame: Received[FrameHeader]) -> PerceivedView | None:

@@ -17,6 +17,7 @@ from surveilnav.messages import CameraInfo, CameraRequest, FrameHeader
 from surveilnav.services.fusion.building_maps import BuildingMaps
 from surveilnav.services.fusion.config import FusionSettings
 from surveilnav.services.fusion.core.views.invocation import Invocation, invoke
+from surveilnav.services.fusion.intake.camera_searches import CameraSearches
 from surveilnav.services.fusion.intake.words import SearchedWords
 
 _MAX_CAMERAS, _MAX_VIEWS, _MAX_ROBOTS = 1000, 64, 64
@@ -45,8 +46,15 @@ class InvokedCamera:
 class Sources:
     """Subscribes to the sources that eq. 1 demands, and returns the newest frame of each subscription."""
 
-    def __init__(self, node: Node, settings: FusionSettings, maps: BuildingMaps, words: SearchedWords) -> None:
-        self._node, self._settings, self._maps, self._words = node, settings, maps, words
+    def __init__(
+        self,
+        node: Node,
+        settings: FusionSettings,
+        maps: BuildingMaps,
+        words: SearchedWords,
+        searches: CameraSearches,
+    ) -> None:
+        self._node, self._settings, self._maps, self._words, self._searches = node, settings, maps, words, searches
         self._config = maps.joint.config.map
         self._infos = node.table(CAMERA_INFO)
         self._statuses = node.table(ROBOT_STATUS)
@@ -58,6 +66,10 @@ class Sources:
         self._floor_z_m: dict[str, float] = {}
         self._refreshed_s = 0.0
         self.cameras: dict[str, InvokedCamera] = {}
+
+    def infos(self) -> list[CameraInfo]:
+        """The cameras that have announced themselves."""
+        return [row.message for row in self._infos.rows() if row.ids["camera"] == row.message.camera]
 
     def poll(self) -> tuple[list[Received[FrameHeader]], list[str]]:
         """The new frames, those of robots first, and the cameras ("camera/<id>") whose subscriptions have just been ended."""
@@ -139,14 +151,14 @@ class Sources:
         return f"wrong_intrinsics: the camera says {camera.info.intrinsics}, its frame {header.camera}"
 
     def _invoke(self, now_s: float) -> list[str]:
-        """Eq. 1 with hysteresis: subscribes to the cameras on the robots' floors, and unsubscribes from others after a while."""
+        """Eq. 1 with hysteresis: subscribes to the cameras on the floors of robots and of searches, and later unsubscribes."""
         if not self._settings.surveillance:
             return []
         here = {row.ids["robot"] for row in self._statuses.rows(max_age_s=self._settings.robot_timeout_s)}
-        infos = {
-            row.ids["camera"]: row.message for row in self._infos.rows() if row.ids["camera"] == row.message.camera
-        }
+        infos = {info.camera: info for info in self.infos()}
         floors_z_m = [z_m for robot, z_m in self._floor_z_m.items() if robot in here]
+        searched = [info for info in infos.values() if self._searches.includes(info.floor)]
+        floors_z_m += {info.position_m[2] - info.mounting_offset_m for info in searched}
         self._invocation = invoke(
             self._invocation,
             floors_z_m,

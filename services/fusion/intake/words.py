@@ -1,4 +1,4 @@
-"""The words that detectors with an open vocabulary look for: the targets of open missions, and a standing list."""
+"""The words that detectors with an open vocabulary look for: the targets of missions and searches, and a standing list."""
 
 from __future__ import annotations
 
@@ -8,15 +8,16 @@ from surveilnav.bus import Node
 from surveilnav.contract import MISSION_STATUS
 from surveilnav.errors import TargetError
 from surveilnav.messages import FINISHED_STATES
+from surveilnav.services.fusion.intake.camera_searches import CameraSearches
 from surveilnav.words import MAX_WORDS, validate_word
 
 
 class SearchedWords:
-    """Follows the missions on the bus to know which words to look for."""
+    """Follows the missions on the bus, and the searches with cameras, to know which words to look for."""
 
-    def __init__(self, node: Node, standing: Sequence[str]) -> None:
+    def __init__(self, node: Node, standing: Sequence[str], searches: CameraSearches) -> None:
         """``standing``: words that are always looked for."""
-        self._node, self._standing = node, standing
+        self._node, self._standing, self._searches = node, standing, searches
         node.alive("planner")  # the first call starts to follow presence
         self._missions = node.table(MISSION_STATUS)
 
@@ -37,7 +38,8 @@ class SearchedWords:
 
     def _targets(self) -> list[str]:
         rows = self._missions.rows() if self._node.alive("planner") else []
-        return [row.message.target for row in rows if row.message.state not in FINISHED_STATES]
+        missions = [row.message.target for row in rows if row.message.state not in FINISHED_STATES]
+        return missions + self._searches.targets()
 
 
 def _valid_words(names: Iterable[str]) -> set[str]:

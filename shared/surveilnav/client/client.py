@@ -209,6 +209,11 @@ class Client:
         params = _given(text=text, floor=floor, label=label, status=status, min_confidence=min_confidence)
         return self._gateway.items(rest.Object, "GET", "objects", params=params)
 
+    def where(self, target: str, *, floor: str = "", max_s: float = 10.0) -> rest.Sightings:
+        """Where the cameras see something, without a robot. Takes until every view was looked at, at most ``max_s``."""
+        wanted = {"target": target, "max_s": max_s, **_given(floor=floor)}
+        return self._gateway.one(rest.Sightings, "POST", "sightings", json=wanted, timeout=max_s + 20.0)
+
     def object(self, floor: str, id: int) -> rest.Object:
         """One object with its whole history."""
         return self._gateway.one(rest.Object, "GET", f"floors/{_id(floor)}/objects/{id}")

@@ -14,6 +14,8 @@ from surveilnav.messages.camera import (
 )
 from surveilnav.messages.maps import (
     LAYERS,
+    CameraSearch,
+    CameraSearchReport,
     CameraUse,
     FloorMapsHeader,
     LayerHeader,
@@ -63,6 +65,8 @@ __all__ = [
     "Ack",
     "CameraInfo",
     "CameraRequest",
+    "CameraSearch",
+    "CameraSearchReport",
     "CameraSummary",
     "CameraUse",
     "CameraViewInfo",

@@ -154,6 +154,34 @@ class ObjectList(Message, frozen=True, kw_only=True):
     objects: list[ObjectRecord]
 
 
+class CameraSearch(Message, frozen=True, kw_only=True):
+    """Has all cameras of a floor, or of all floors, looked at for ``target``, with or without a robot there.
+
+    Attributes:
+        floor: empty: all floors.
+        max_s: after this time the answer comes in any case.
+    """
+
+    target: str
+    floor: str = ""
+    max_s: float = 10.0
+
+
+class CameraSearchReport(Message, frozen=True, kw_only=True):
+    """What came of a ``CameraSearch``. What was found is among the objects of the maps.
+
+    Attributes:
+        cameras: the cameras that were looked at, and how many of their views the maps hold.
+        lacking: cameras of which not every view came in time, with the reason.
+        complete: whether every view of every camera was looked at for the target.
+    """
+
+    target: str
+    cameras: list[CameraUse]
+    lacking: dict[str, str]
+    complete: bool
+
+
 class FloorMapsHeader(Message, frozen=True, kw_only=True):
     """The maps of a floor at one moment, or what changed in them since a revision that the asker has.
 

@@ -12,6 +12,7 @@ from surveilnav.rest.cameras import AccessRecord, Camera, CameraCone, CameraStre
 from surveilnav.rest.missions import FINISHED_STATES, Mission, MissionPlan, MissionTraffic, NewMission, Place
 from surveilnav.rest.recordings import Recorder, Recording, Replay, ReplayChange
 from surveilnav.rest.robots import Robot, RobotHalt, StageTimes, Target, Worker
+from surveilnav.rest.sightings import SearchedCamera, Sighting, Sightings, SightingsRequest
 from surveilnav.rest.streams import LIVE_RESOURCES, Event, LiveState, StreamData, Tile, TileState
 from surveilnav.rest.system import NodeTraffic, Readiness, Service, SourceTraffic, Traffic
 
@@ -50,7 +51,11 @@ __all__ = [
     "Resource",
     "Robot",
     "RobotHalt",
+    "SearchedCamera",
     "Service",
+    "Sighting",
+    "Sightings",
+    "SightingsRequest",
     "SourceTraffic",
     "StageTimes",
     "StreamData",

@@ -97,6 +97,25 @@ OBJECT: dict[str, Any] = {
         }
     ],
 }
+SIGHTINGS: dict[str, Any] = {
+    "target": "couch",
+    "sightings": [
+        {
+            "floor": "0",
+            "object": 17,
+            "label": "couch",
+            "status": "confirmed",
+            "confidence": 0.81,
+            "position_m": [6.0, 1.2, 0.4],
+            "position_sigma_m": 0.14,
+            "last_seen": "2026-01-31T10:00:12Z",
+            "sources": ["camera/lobby"],
+            "picture": "/api/v1/floors/0/objects/17/history/3.jpg",
+        }
+    ],
+    "cameras": [{"id": "lobby", "views": 1, "views_processed": 1, "lacking": ""}],
+    "complete": True,
+}
 RECORDING: dict[str, Any] = {
     "id": "20260131T100000250Z_m-0123456789ab",
     "mission": "m-0123456789ab",

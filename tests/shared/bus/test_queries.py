@@ -159,16 +159,16 @@ def test_who_is_there_but_too_slow_is_told_from_nobody(make_node):
 
 def test_a_question_to_all_reaches_each_owner_of_a_key(make_node):
     client = make_node("cli", "c")
-    for slot in ("2", "5"):
-        make_node("camera", f"c{slot}").serve(
-            CAMERA_SLOT, lambda r: Answer(Ack(stamp_ns=1, message=r.ids["slot"])), slot=slot
+    for camera in ("c2", "c5"):
+        make_node("camera", camera).serve(
+            CAMERA_SLOT, lambda r: Answer(Ack(stamp_ns=1, message=r.ids["camera"])), camera=camera
         )
     claim = SlotClaim(stamp_ns=1, node="me")
 
-    def slots():
-        return {(a.ids["slot"], a.message.message) for a in client.ask_all(CAMERA_SLOT, claim, timeout_s=0.5)}
+    def owners():
+        return {(a.ids["camera"], a.message.message) for a in client.ask_all(CAMERA_SLOT, claim, timeout_s=0.5)}
 
-    until(lambda: slots() == {("2", "2"), ("5", "5")})
+    until(lambda: owners() == {("c2", "c2"), ("c5", "c5")})
 
 
 def test_a_question_to_another_stream_is_passed_over(make_node):

@@ -221,6 +221,8 @@ class ObjectMap:
             result.status,
             result.reason,
         )
+        if obj.status == "confirmed" and obj.sigma_m > self._config.foot_point.confirm_max_sigma_m:
+            obj.status, obj.reason = "candidate", f"its place is only known to {obj.sigma_m:.2f} m (standard deviation)"
         if mismatch := self._size_mismatch(obj, obj.label):
             obj.confidence *= self._config.false_positives.size_mismatch_factor
             if obj.status == "confirmed":

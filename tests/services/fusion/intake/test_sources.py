@@ -15,6 +15,7 @@ from surveilnav.services.fusion.building_maps import BuildingMaps
 from surveilnav.services.fusion.config import FusionSettings
 from surveilnav.services.fusion.core import FusionConfig
 from surveilnav.services.fusion.intake import sources as module
+from surveilnav.services.fusion.intake.camera_searches import CameraSearches
 from surveilnav.services.fusion.intake.sources import Sources
 
 CAMERA = Pinhole.from_hfov(160, 120, 1.4)
@@ -110,7 +111,8 @@ class Followed:
         self.node = FakeNode()
         self.node.robots("r")
         self.maps, self.words = BuildingMaps(FusionConfig()), SimpleNamespace(is_idle=True)
-        self.sources = Sources(self.node, FusionSettings(**settings), self.maps, self.words)
+        self.searches = CameraSearches()
+        self.sources = Sources(self.node, FusionSettings(**settings), self.maps, self.words, self.searches)
         self.look()
         self.says()
         self.look()
@@ -224,3 +226,17 @@ def test_a_search_ends_looking_ahead_and_silent_cameras_are_passed_over():
     f.words.is_idle = False
     f.look()
     assert not f.sources.cameras
+
+
+def test_a_search_with_cameras_invokes_those_of_its_floor_without_a_robot(followed):
+    followed.sources._floor_z_m.clear()  # no robot has been seen
+    followed.node.robots()
+    followed.node.camera("c")
+    followed.look()
+    assert not followed.sources.cameras
+    with followed.searches.open("tv", "1"):
+        followed.look()
+        assert not followed.sources.cameras
+    with followed.searches.open("tv", "0"):
+        followed.look()
+        assert set(followed.sources.cameras) == {"c"}

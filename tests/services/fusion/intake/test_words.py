@@ -6,6 +6,7 @@ import pytest
 
 from surveilnav.contract import MISSION_STATUS
 from surveilnav.messages import MissionStatus
+from surveilnav.services.fusion.intake.camera_searches import CameraSearches
 from surveilnav.services.fusion.intake.pictures import PictureCache
 from surveilnav.services.fusion.intake.words import SearchedWords
 from surveilnav.words import MAX_WORDS
@@ -32,7 +33,7 @@ def tell(make_node):
 
 
 def test_words_are_those_of_open_missions_and_the_standing_list(make_node, tell):
-    words = SearchedWords(make_node("fusion", "f"), ["Sofa", "?!", "person"])
+    words = SearchedWords(make_node("fusion", "f"), ["Sofa", "?!", "person"], CameraSearches())
     assert words.current() == ("couch", "person"), "one spelling; what is no word is left out"
     tell("m1", "samovar")
     tell("m2", "couch")
@@ -42,7 +43,7 @@ def test_words_are_those_of_open_missions_and_the_standing_list(make_node, tell)
 
 
 def test_a_hundred_missions_for_one_thing_leave_room_for_another(make_node, tell):
-    words = SearchedWords(make_node("fusion", "f"), [f"thing {n}" for n in range(MAX_WORDS)])
+    words = SearchedWords(make_node("fusion", "f"), [f"thing {n}" for n in range(MAX_WORDS)], CameraSearches())
     for n in range(100):
         tell(f"m{n}", "chair")
     tell("last", "samovar")
@@ -52,7 +53,7 @@ def test_a_hundred_missions_for_one_thing_leave_room_for_another(make_node, tell
 
 
 def test_missions_of_a_planner_that_is_gone_are_not_searched_for(make_node):
-    planner, words = make_node("planner", "p"), SearchedWords(make_node("fusion", "f"), ())
+    planner, words = make_node("planner", "p"), SearchedWords(make_node("fusion", "f"), (), CameraSearches())
     planner.publisher(MISSION_STATUS, mission="m").put(status("m", "samovar"))
     until(lambda: words.current() == ("samovar",))
     planner.__exit__(None, None, None)
@@ -78,3 +79,13 @@ def test_the_newest_pictures_of_cameras_are_cache_within_their_bytes():
     assert [f.message.source for f in cache.frames()] == ["camera/a", "camera/b"]
     cache.drop_source("camera/a")
     assert [f.message.source for f in cache.frames()] == ["camera/b"]
+
+
+def test_what_a_search_with_cameras_looks_for_is_looked_for_while_it_is_open(make_node):
+    searches = CameraSearches()
+    words = SearchedWords(make_node("fusion", "f"), ["person"], searches)
+    with searches.open("samovar", None):
+        assert words.current() == ("person", "samovar")
+        assert not words.is_idle
+    assert words.current() == ("person",)
+    assert words.is_idle

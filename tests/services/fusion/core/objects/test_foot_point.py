@@ -190,6 +190,19 @@ def test_an_uncertain_place_is_not_missed_where_a_robot_looks(world, tools) -> N
     assert "not_seen" not in [e.what for e in joint.objects("0")[0].history]
 
 
+def test_a_thing_is_confirmed_only_once_a_sensor_has_measured_its_place(world, tools) -> None:  # type: ignore[no-untyped-def]
+    robot, by_robot = measured(world, tools)
+    joint = JointMap()
+    for seq, x in enumerate((-2.5, -2.2, -2.0), start=2):
+        v = view((x, 0.6, 2.0), pitch=-0.4, seq=seq, name=f"c{seq}")
+        joint.accept(v, tools.seen(replace(seen(v, np.array(STOOL)), score=0.95)))
+    (record,) = joint.objects("0")
+    assert (record.status, record.confidence > 0.85) == ("candidate", True)
+    assert "its place is only known to" in record.reason
+    joint.accept(robot, by_robot)
+    assert joint.objects("0")[0].status == "confirmed"
+
+
 def test_a_snapshot_keeps_the_uncertainty(tools) -> None:  # type: ignore[no-untyped-def]
     joint = JointMap()
     v = view()

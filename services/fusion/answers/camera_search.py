@@ -1,0 +1,74 @@
+"""Answers searches with cameras alone: invokes the cameras of a floor and waits until all their views were looked at."""
+
+from __future__ import annotations
+
+import time
+
+from surveilnav.bus import Answer, Node, Refused, Request, clock_ns
+from surveilnav.errors import TargetError
+from surveilnav.messages import CameraInfo, CameraSearch, CameraSearchReport, CameraUse
+from surveilnav.services.fusion.building_maps import BuildingMaps
+from surveilnav.services.fusion.intake.intake import ViewIntake
+from surveilnav.words import validate_word
+
+_MAX_S = 50.0
+#: So long it takes until views that were looked at before are handed to perception again for a new word.
+_SETTLED_S, _POLL_S = 0.5, 0.1
+
+
+class CameraSearchAnswers:
+    """Answers ``CAMERA_SEARCH``. Each answer takes a while, so it needs workers of its own."""
+
+    def __init__(self, node: Node, maps: BuildingMaps, intake: ViewIntake) -> None:
+        self._node, self._maps, self._intake = node, maps, intake
+
+    def search(self, request: Request) -> Answer:
+        """Looks for something with all cameras of a floor, or of all floors. Refused: bad_target, no_camera."""
+        wanted: CameraSearch = request.message
+        floor = wanted.floor or None
+        try:
+            target = validate_word(wanted.target)
+        except TargetError as error:
+            raise Refused("bad_target", str(error)) from error
+        if not self._on(floor):
+            raise Refused(
+                "no_camera", f"no camera has announced itself on {f'floor {floor!r}' if floor else 'any floor'}"
+            )
+        begun_s = time.monotonic()
+        until_s = begun_s + min(max(wanted.max_s, 0.0), _MAX_S)
+        with self._intake.searches.open(target, floor):
+            while time.monotonic() < until_s and not self._node.stopping.wait(_POLL_S):
+                if time.monotonic() - begun_s >= _SETTLED_S and not any(map(self._is_awaited, self._on(floor))):
+                    break
+            return Answer(self._report(target, floor))
+
+    def _on(self, floor: str | None) -> list[CameraInfo]:
+        return [info for info in self._intake.announced_cameras() if floor in (None, info.floor)]
+
+    def _is_awaited(self, info: CameraInfo) -> bool:
+        """Whether more is to come of a camera."""
+        if info.paused or info.stream.state not in ("live", "connecting"):
+            return False
+        invoked = self._intake.cameras.get(info.camera)
+        if invoked is not None and invoked.is_silent:
+            return False
+        return self._n_processed(info) < len(info.views) or self._intake.is_perceiving(info.camera)
+
+    def _n_processed(self, info: CameraInfo) -> int:
+        return len(self._maps.processed.views_of(info.camera) & {view.view for view in info.views})
+
+    def _report(self, target: str, floor: str | None) -> CameraSearchReport:
+        infos = sorted(self._on(floor), key=lambda info: info.camera)
+        lacking = {info.camera: why for info in infos if (why := self._why_lacking(info))}
+        uses = [CameraUse(info.camera, self._n_processed(info), len(info.views)) for info in infos]
+        return CameraSearchReport(
+            stamp_ns=clock_ns(), target=target, cameras=uses, lacking=lacking, complete=not lacking
+        )
+
+    def _why_lacking(self, info: CameraInfo) -> str:
+        """Why not every view of a camera was looked at; "" if every one was."""
+        if info.paused:
+            return "paused"
+        if info.stream.state != "live":
+            return f"its stream is {info.stream.state}{f': {info.stream.reason}' if info.stream.reason else ''}"
+        return "its views didn't come in time" if self._is_awaited(info) else ""

@@ -1,0 +1,91 @@
+"""Where cameras see something, without a robot; the route ``/sightings``."""
+
+from __future__ import annotations
+
+from fastapi import APIRouter
+
+from surveilnav import contract
+from surveilnav.bus import clock_ns
+from surveilnav.messages import CameraSearch, CameraSearchReport, ObjectRecord
+from surveilnav.rest import ROOT, SearchedCamera, Sighting, Sightings, SightingsRequest
+from surveilnav.services.gateway.bus_requests import request
+from surveilnav.services.gateway.core.problems import Problem
+from surveilnav.services.gateway.core.resources import object_from_record
+from surveilnav.services.gateway.core.selection import ObjectFilter
+from surveilnav.services.gateway.objects import Objects
+from surveilnav.services.gateway.state import BuildingState
+
+#: Beside the time that the cameras may take.
+_ANSWER_S = 10.0
+_MAX_SIGHTINGS = 50
+
+
+class CameraSightings:
+    """Has fusion look with all cameras, and lists what it found."""
+
+    def __init__(self, state: BuildingState, objects: Objects) -> None:
+        self._state, self._objects = state, objects
+
+    def search(self, wanted: SightingsRequest) -> Sightings:
+        """Where cameras see something. Blocks until every view was looked at, or for ``wanted.max_s``."""
+        floor = wanted.floor or ""
+        question = CameraSearch(stamp_ns=clock_ns(), target=wanted.target, floor=floor, max_s=wanted.max_s)
+        timeout_s = wanted.max_s + _ANSWER_S
+        report: CameraSearchReport = request(
+            self._state.node, "fusion", contract.CAMERA_SEARCH, question, timeout_s=timeout_s
+        ).message
+        self._objects.clear()
+        records = self._objects.records(ObjectFilter(wanted.floor, wanted.target))
+        found = [r for r in records if r.status != "rejected"]
+        surest = sorted(found, key=lambda r: (r.status != "confirmed", -r.confidence))[:_MAX_SIGHTINGS]
+        return Sightings(
+            target=report.target,
+            sightings=[self._sighting(record) for record in surest],
+            cameras=[
+                SearchedCamera(
+                    id=use.camera,
+                    views=use.views,
+                    views_processed=use.views_processed,
+                    lacking=report.lacking.get(use.camera, ""),
+                )
+                for use in report.cameras
+            ],
+            complete=report.complete,
+        )
+
+    def _sighting(self, record: ObjectRecord) -> Sighting:
+        found = object_from_record(record)
+        return Sighting(
+            floor=found.floor,
+            object=found.id,
+            label=found.label,
+            status=found.status,
+            confidence=found.confidence,
+            position_m=found.center_m,
+            position_sigma_m=found.position_sigma_m,
+            last_seen=found.last_seen,
+            sources=found.sources,
+            picture=self._picture(record),
+        )
+
+    def _picture(self, record: ObjectRecord) -> str | None:
+        """The address of the newest picture of an object; None if its history can't be read."""
+        try:
+            history = self._objects.one(record.floor, record.id).history
+        except Problem:  # it was merged with another one meanwhile
+            return None
+        number = max((i for i, event in enumerate(history) if event.box_px is not None), default=None)
+        root = self._state.root
+        return None if number is None else f"{root}/floors/{record.floor}/objects/{record.id}/history/{number}.jpg"
+
+
+def router(sightings: CameraSightings) -> APIRouter:
+    router = APIRouter(prefix=ROOT, tags=["building"])
+
+    @router.post("/sightings")
+    def search(wanted: SightingsRequest) -> Sightings:
+        """Has all cameras looked at for something, without a robot, and answers where it was seen, the surest first. That takes
+        until every view was looked at, or ``max_s``. The answer also says which cameras gave no picture."""
+        return sightings.search(wanted)
+
+    return router
