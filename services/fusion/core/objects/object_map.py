@@ -26,8 +26,8 @@ from surveilnav.services.fusion.core.objects.association import (
     overlaps,
     similarity,
 )
-from surveilnav.services.fusion.core.objects.box_index import BoxIndex
 from surveilnav.services.fusion.core.objects.confirmation import confirmation_rule
+from surveilnav.services.fusion.core.objects.indexed_objects import IndexedObjects
 from surveilnav.services.fusion.core.objects.localization import LocatedDetection, locate_all
 from surveilnav.services.fusion.core.objects.map_object import Change, MapObject, ObjectChange
 from surveilnav.services.fusion.core.objects.shape import Shape, spread_indices
@@ -35,29 +35,6 @@ from surveilnav.services.fusion.core.objects.sizes import size_mismatch, too_lar
 from surveilnav.services.fusion.core.objects.visibility import visible_shares
 
 _MAX_RECORD_POINTS = 256  # of an object, in its message
-
-
-class _IndexedObjects(dict[int, MapObject]):
-    """Objects by id, with a spatial index. An object whose shape has changed must be assigned again to update the index.
-
-    Attributes:
-        estimated: ids of the objects whose place is only estimated.
-    """
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.boxes = BoxIndex()
-        self.estimated: set[int] = set()
-
-    def __setitem__(self, id_: int, obj: MapObject) -> None:
-        super().__setitem__(id_, obj)
-        self.boxes.put(id_, obj.shape)
-        (self.estimated.discard if obj.covariance_m2 is None else self.estimated.add)(id_)
-
-    def __delitem__(self, id_: int) -> None:
-        super().__delitem__(id_)
-        self.boxes.remove(id_)
-        self.estimated.discard(id_)
 
 
 class ObjectMap:
@@ -69,7 +46,7 @@ class ObjectMap:
         self._voxel_m = voxel_m
         self._config = config
         self._confirmation = confirmation_rule(config)
-        self._objects = _IndexedObjects()
+        self._objects = IndexedObjects()
         self._next_id = 1
         self._views = 0
         self._changes: list[ObjectChange] = []

@@ -200,7 +200,11 @@ def test_a_thing_is_confirmed_only_once_a_sensor_has_measured_its_place(world, t
     assert (record.status, record.confidence > 0.85) == ("candidate", True)
     assert "its place is only known to" in record.reason
     joint.accept(robot, by_robot)
-    assert joint.objects("0")[0].status == "confirmed"
+    for seq, (x, y, yaw) in enumerate([(1.2, 1.6, -0.8), (2.2, 2.2, -math.pi / 2)], start=2):
+        other_side = world.view(x, y, yaw, -0.4, seq=seq)
+        joint.accept(other_side, tools.seen(world.detect(other_side, "stool", "chair", 0.8, EMBEDDING)))
+    (record,) = joint.objects("0")
+    assert (record.status, record.position_sigma_m) == ("confirmed", 0.0)
 
 
 def test_a_snapshot_keeps_the_uncertainty(tools) -> None:  # type: ignore[no-untyped-def]
