@@ -9,6 +9,7 @@ from pathlib import Path
 import structlog
 
 from surveilnav.bus import BusSettings, Node
+from surveilnav.bus.main import exit_on_sigterm
 from surveilnav.cameras_file import CameraEntry, CamerasFile, load_cameras
 from surveilnav.cameras_file.urls import shown
 from surveilnav.errors import ConfigError
@@ -29,13 +30,14 @@ def run_real_camera(settings: CameraSettings, bus: BusSettings) -> None:
         ConfigError: the file can't be read, or the camera that the settings name has a mistake in it.
     """
     path = Path(settings.file)
-    while True:
-        file = load_cameras(path)
-        _report_problems(file, settings.id)
-        with take_camera(settings.id, list(file.cameras), str(path), bus) as (name, node):
-            changed = _run(file, file.cameras[name], node, settings)
-        if not changed:
-            return
+    changed = True
+    while changed:
+        exit_on_sigterm()
+        _report_problems(load_cameras(path), settings.id)
+        with take_camera(settings.id, lambda: list(load_cameras(path).cameras), str(path), bus) as (name, node):
+            file = load_cameras(path)
+            entry = file.cameras.get(name)  # None: it was removed while it was being taken
+            changed = entry is None or _run(file, entry, node, settings)
 
 
 def _report_problems(file: CamerasFile, camera: str) -> None:

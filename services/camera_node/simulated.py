@@ -22,7 +22,7 @@ def run_simulated_camera(settings: CameraSettings, bus: BusSettings) -> None:
     names = [camera.name for camera in plan.cameras]
     if settings.masks:  # checked before a camera is leased: zones of a misspelt camera name would mask nothing
         read_zones(Path(settings.masks), "", 0, names)
-    with take_camera(settings.id, names, f"the plan of {plan.building}", bus) as (name, node):
+    with take_camera(settings.id, lambda: names, f"the plan of {plan.building}", bus) as (name, node):
         source = SimulatedSource(building, plan.cameras[names.index(name)])
         service = CameraService(node, source, settings)
         with open_edge_perception(

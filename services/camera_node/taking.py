@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 from surveilnav.bus import BusSettings, Node
@@ -15,24 +15,27 @@ _RETRY_S = 2.0
 
 
 @contextmanager
-def take_camera(name: str, names: Sequence[str], where: str, bus: BusSettings) -> Iterator[tuple[str, Node]]:
+def take_camera(
+    name: str, list_names: Callable[[], Sequence[str]], where: str, bus: BusSettings
+) -> Iterator[tuple[str, Node]]:
     """A camera and its node, until the block ends. Without a ``name``, any free camera, however long it takes to get one.
 
     Args:
-        names: the cameras that there are.
+        list_names: lists the cameras that there are; asked again while none is free.
         where: where they are listed, for people.
 
     Raises:
         ConfigError: there is no camera ``name``; the message lists those that there are.
     """
     if name:
-        if name not in names:
+        if name not in (names := list_names()):
             raise ConfigError(f"no camera {name!r} in {where}; it has {list(names)}")
         with Node("camera", name, bus) as node:
             yield name, node
         return
     announced = False
     while True:
+        names = list_names()
         with lease(names, bus) as leased:
             if leased is not None:
                 yield leased

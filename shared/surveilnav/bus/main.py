@@ -25,7 +25,7 @@ _GRACE_S = 5.0
 
 def run_service(main: Callable[[], None]) -> int:
     """Runs ``main`` and returns the process's exit code."""
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # until ``Node.run`` sets its own handler
+    exit_on_sigterm()
     end_with_stdin()
     try:
         settings = BusSettings()
@@ -40,6 +40,11 @@ def run_service(main: Callable[[], None]) -> int:
     except KeyboardInterrupt:
         return 130
     return 0
+
+
+def exit_on_sigterm() -> None:
+    """Has SIGTERM end the process while no node runs: from the start until ``Node.run``, and between two nodes' runs."""
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
 
 
 def run_warm_up(warm_up: Callable[[], None]) -> None:

@@ -29,8 +29,17 @@ def test_each_gets_a_camera_of_its_own_and_gives_it_back(bus, make_node):
 
 
 def test_a_camera_by_name(bus):
-    with take_camera("c2", NAMES, "cameras.yaml", bus) as (name, node):
+    with take_camera("c2", lambda: NAMES, "cameras.yaml", bus) as (name, node):
         assert (name, node.id) == ("c2", "c2")
     with pytest.raises(ConfigError, match=r"no camera 'c9' in cameras\.yaml; it has \['c1', 'c2'\]"):  # noqa: SIM117
-        with take_camera("c9", NAMES, "cameras.yaml", bus):
+        with take_camera("c9", lambda: NAMES, "cameras.yaml", bus):
             pass
+
+
+def test_a_process_that_waits_takes_a_camera_that_is_added_later(bus, make_node, monkeypatch):
+    from surveilnav.services.camera_node import taking
+
+    monkeypatch.setattr(taking, "_RETRY_S", 0.1)
+    listed = iter([[], []])
+    with take_camera("", lambda: next(listed, ["c3"]), "cameras.yaml", bus) as (name, _):
+        assert name == "c3"

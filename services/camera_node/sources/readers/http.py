@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Iterator
 from urllib.parse import unquote, urlsplit, urlunsplit
@@ -15,6 +16,7 @@ from surveilnav.services.camera_node.sources.readers.reader import CapturedFrame
 _TIMEOUT_S = 10.0
 _MAX_PICTURE_BYTES = 32 << 20
 _BEGIN, _END = b"\xff\xd8\xff", b"\xff\xd9"
+_LENGTH = re.compile(rb"content-length:\s*(\d{1,9})", re.IGNORECASE)
 
 
 class HttpReader:
@@ -122,20 +124,33 @@ class HttpReader:
             yield chunk
 
     def _parts(self, response: httpx.Response) -> Iterator[bytes]:
-        """The JPEG pictures of a multipart stream, by their own markers: not all cameras write lengths or boundaries right."""
+        """The JPEG pictures of a multipart stream: by the length in a part's header, or else by JPEG's own markers.
+
+        Boundaries aren't used, since not all cameras write them right.
+        """
         buffer = b""
         for chunk in response.iter_bytes():
             buffer += chunk
-            while True:
-                begin = buffer.find(_BEGIN)
-                end = buffer.find(_END, begin + 3) if begin >= 0 else -1
-                # An embedded thumbnail has an end marker, too: the picture ends where a boundary follows, or more data is awaited
-                if begin < 0 or end < 0:
-                    break
-                yield buffer[begin : end + 2]
-                buffer = buffer[end + 2 :]
+            while (end := _picture_end(buffer)) is not None:
+                yield buffer[buffer.find(_BEGIN) : end]
+                buffer = buffer[end:]
             if len(buffer) > _MAX_PICTURE_BYTES:
                 raise StreamError(f"a picture has more than {_MAX_PICTURE_BYTES >> 20} MiB")
+
+
+def _picture_end(buffer: bytes) -> int | None:
+    """Where the first picture in a buffer ends; None if more of it has to come.
+
+    Without a length a picture ends at the first end marker. Where a thumbnail is embedded that is too early.
+    """
+    begin = buffer.find(_BEGIN)
+    if begin < 0:
+        return None
+    if (length := _LENGTH.search(buffer, 0, begin)) is not None:
+        end = begin + int(length.group(1))
+        return end if end <= len(buffer) else None
+    end = buffer.find(_END, begin + len(_BEGIN))
+    return None if end < 0 else end + len(_END)
 
 
 def _without_user(address: str) -> tuple[str, str, str]:

@@ -130,6 +130,30 @@ def test_a_folder_that_is_none(tmp_path: Path) -> None:
         FolderReader(tmp_path / "x", 0.1).open()
 
 
+def with_thumbnail(data: bytes) -> bytes:
+    """A JPEG with another one embedded in its header, as some cameras make them."""
+    thumbnail = b"Exif\0\0" + cv2.imencode(".jpg", streams.room(0)[::8, ::8, ::-1])[1].tobytes()
+    return data[:2] + b"\xff\xe1" + (len(thumbnail) + 2).to_bytes(2, "big") + thumbnail + data[2:]
+
+
+def test_mjpeg_with_lengths_may_have_thumbnails_in_its_pictures() -> None:
+    def stream(request) -> None:  # type: ignore[no-untyped-def]
+        request.send_response(200)
+        request.send_header("Content-Type", "multipart/x-mixed-replace; boundary=b")
+        request.end_headers()
+        for t in range(3):
+            data = with_thumbnail(jpeg(t))
+            head = f"--b\r\nContent-Type: image/jpeg\r\ncontent-length: {len(data)}\r\n\r\n"
+            request.wfile.write(head.encode() + data + b"\r\n")
+
+    with streams.http_server(stream) as address:
+        reader = HttpReader(f"{address}/video", 0.0)
+        reader.open()
+        frames = [reader.read() for _ in range(3)]
+        reader.close()
+    assert all(frame is not None and same_room(frame.rgb) for frame in frames)
+
+
 def test_mjpeg() -> None:
     def stream(request) -> None:  # type: ignore[no-untyped-def]
         request.send_response(200)
