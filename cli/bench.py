@@ -21,6 +21,9 @@ if TYPE_CHECKING:
     from surveilnav.benchmark.tables.arms import Table
     from surveilnav.benchmark.tables.make import Made
 
+CameraDepth = Annotated[
+    str, typer.Option(help="sensor or none: whether cameras measure depth. Without it, things are put on the floor.")
+]
 PerScene = Annotated[
     int | None,
     typer.Option(
@@ -49,10 +52,7 @@ def run(
     ] = "simulated",
     density: Annotated[int, typer.Option(help="One camera for this many square metres of floor: 100 or 200.")] = 100,
     views: Annotated[str, typer.Option(help="Views of a camera: panoramic (360 degrees) or half (180).")] = "panoramic",
-    camera_depth: Annotated[
-        str,
-        typer.Option(help="sensor or none: whether cameras measure depth. Without it, things are put on the floor."),
-    ] = "sensor",
+    camera_depth: CameraDepth = "sensor",
     max_steps: Annotated[int, typer.Option(min=1, max=5000)] = 500,
     seed: Annotated[int, typer.Option(min=0)] = 0,
     per_scene: PerScene = None,
