@@ -55,7 +55,7 @@ def test_garbage_on_every_key_stops_nothing(running):
         "mission": mission,
         "layer": "value",
         "node": "robot-r1",
-        "slot": "0",
+        "fusion": "fusion",
         "source": "robot-r1",
         "supervisor": "up",
         "recorder": "recorder",

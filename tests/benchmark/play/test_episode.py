@@ -220,23 +220,23 @@ def before_a_wall(depth_m=0.0):
 
 def test_a_view_without_any_depth_is_left_out_as_on_the_bus_and_the_planner_gets_empty_maps():
     joint, view = JointMap(), before_a_wall()
-    assert episode._take(joint, SeenView(view, None, 0)) == ""
+    assert episode._integrate_view(joint, SeenView(view, None, 0)) == ""
     assert list(joint.floors) == []
-    maps = episode.floor_maps(episode._maps_for(joint, "0", view), "0", np.ones(4, np.float32) / 2, "")
+    maps = episode.floor_maps(episode._maps_with_floor(joint, "0", view), "0", np.ones(4, np.float32) / 2, "")
     assert not maps.occupancy.any()
     assert not maps.explored.any()
     assert [int(i) for i in maps.grid.cells_of((1.0, 2.0))] == [n // 2 for n in maps.occupancy.shape]
     with pytest.raises(ViewError, match=r"shape|size|depth"):
-        episode._take(joint, SeenView(replace(view, depth_m=view.depth_m[:4]), None, 0))
+        episode._integrate_view(joint, SeenView(replace(view, depth_m=view.depth_m[:4]), None, 0))
 
 
 def test_a_view_left_out_is_still_of_the_floor_that_the_robot_stands_on():
     joint = JointMap()
-    assert episode._take(joint, SeenView(before_a_wall(2.0), None, 0)) == "0"
+    assert episode._integrate_view(joint, SeenView(before_a_wall(2.0), None, 0)) == "0"
     revision = joint.revision
-    assert episode._take(joint, SeenView(replace(before_a_wall(), seq=1), None, 0)) == "0"
+    assert episode._integrate_view(joint, SeenView(replace(before_a_wall(), seq=1), None, 0)) == "0"
     assert joint.revision == revision
-    assert episode._maps_for(joint, "0", before_a_wall()) is joint
+    assert episode._maps_with_floor(joint, "0", before_a_wall()) is joint
 
 
 def test_embeddings_are_rounded_as_on_their_way_over_the_bus(flat):

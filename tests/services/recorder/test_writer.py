@@ -16,7 +16,7 @@ from surveilnav.services.recorder.core.limits import Limits
 from surveilnav.services.recorder.core.names import recording_id
 from surveilnav.services.recorder.file import RecordingFile
 from surveilnav.services.recorder.folder import RecordingFolder
-from surveilnav.services.recorder.reading import records
+from surveilnav.services.recorder.reading import RecordingError, records
 from surveilnav.services.recorder.writer import RecordingWriter
 
 ID, OTHER = recording_id(10**18, "m1"), recording_id(10**18 + 10**9, "m2")
@@ -38,7 +38,11 @@ def writers():
 
 
 def count(folder, id):
-    return sum(isinstance(r, Message) for r in records(RecordingFolder(folder).path_of(id)))
+    """The number of messages in a recording so far; 0 also where its file is there and nothing of it was written yet."""
+    try:
+        return sum(isinstance(r, Message) for r in records(RecordingFolder(folder).path_of(id)))
+    except RecordingError:
+        return 0
 
 
 def states(folder):
