@@ -37,13 +37,16 @@ class MissionReport:
                 publisher.close()
 
     def update(self, **changes: Any) -> None:
-        """Changes fields of the status, without publishing it."""
+        """Changes fields of the status and stamps it, without publishing it."""
         self.status = msgspec.structs.replace(self.status, stamp_ns=clock_ns(), **changes)
 
     def publish_status(self, **changes: Any) -> None:
-        """Changes fields of the status and publishes it."""
-        if changes:
-            self.update(**changes)
+        """Changes fields of the status and publishes it, stamped anew."""
+        self.update(**changes)
+        self.publish_updated()
+
+    def publish_updated(self) -> None:
+        """Publishes the status as the last ``update`` left it, which is what the store has."""
         if self._statuses is not None:
             self._statuses.put(self.status)
 

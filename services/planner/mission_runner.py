@@ -262,7 +262,7 @@ class MissionRunner:
         self._save_or_warn()
         self.report.publish_plan()
         if not decision.finished:
-            self.report.publish_status()
+            self.report.publish_updated()
         return self._pending
 
     def _robot_view(self, status: RobotStatus) -> RobotView:
@@ -365,7 +365,7 @@ class MissionRunner:
             floor_choice_bytes=floor_choice_bytes,
         )
         self._save_or_warn()
-        self.report.publish_status()
+        self.report.publish_updated()
         self._node.log.info(
             "mission ended",
             mission=self.id,
