@@ -18,7 +18,7 @@ from surveilnav.cli.options import (
     items,
     only_before_nothing,
     print_json,
-    put,
+    print_result,
     results,
 )
 from surveilnav.cli.words import clock
@@ -48,7 +48,7 @@ def list_all(ctx: typer.Context, url: Url = DEFAULT_URL, as_json: AsJson = False
         return
     with gateway(url) as asked:
         found = asked.cameras()
-    put(items(found), as_json, lambda: show_cameras(found, results))
+    print_result(items(found), as_json, lambda: show_cameras(found, results))
 
 
 @app.command()
@@ -72,7 +72,7 @@ def forget(id: Id, url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
         id = known(asked, "camera", id)
         asked.remove_camera(id)
     told = f"{id}: forgotten, until it announces itself again"
-    put({"id": id, "forgotten": True}, as_json, lambda: results.print(told, markup=False))
+    print_result({"id": id, "forgotten": True}, as_json, lambda: results.print(told, markup=False))
 
 
 @app.command()
@@ -100,7 +100,7 @@ def check(
         told = f"{len(n_views)} cameras can be used, with {sum(n_views.values())} views: {', '.join(n_views) or 'none'}"
         results.print(told, markup=False, soft_wrap=True)
 
-    put({"cameras": n_views, "problems": problems}, as_json, show)
+    print_result({"cameras": n_views, "problems": problems}, as_json, show)
     if problems:
         raise typer.Exit(1)
 
@@ -130,7 +130,7 @@ def delete_pictures(url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
 
 def _changed(camera: Camera, as_json: bool) -> None:
     told = f"{camera.id}: {'paused' if camera.paused else 'looks again'}"
-    put(camera, as_json, lambda: results.print(told, markup=False))
+    print_result(camera, as_json, lambda: results.print(told, markup=False))
 
 
 def state_of(camera: Camera) -> tuple[str, str]:

@@ -17,7 +17,7 @@ from surveilnav.cli.options import (
     items,
     only_before_nothing,
     print_json,
-    put,
+    print_result,
     results,
 )
 
@@ -65,7 +65,7 @@ def list_all(ctx: typer.Context, url: Url = DEFAULT_URL, as_json: AsJson = False
 
     with gateway(url) as asked:
         missions = asked.missions()
-    put(items(missions), as_json, lambda: show_missions(missions, results))
+    print_result(items(missions), as_json, lambda: show_missions(missions, results))
 
 
 @app.command()
@@ -75,7 +75,7 @@ def show(id: Id, url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
 
     with gateway(url) as asked:
         mission = asked.mission(known(asked, "mission", id))
-        put(mission, as_json, lambda: show_mission(mission, _plan_of(asked, mission), results))
+        print_result(mission, as_json, lambda: show_mission(mission, _plan_of(asked, mission), results))
 
 
 @app.command()
@@ -85,7 +85,7 @@ def plan(id: Id, url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
 
     with gateway(url) as asked:
         found = asked.plan(known(asked, "mission", id))
-    put(found, as_json, lambda: show_plan(found, results))
+    print_result(found, as_json, lambda: show_plan(found, results))
 
 
 @app.command()
@@ -111,7 +111,7 @@ def resume(id: Id, url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
 
 def _changed(mission: Mission, as_json: bool) -> None:
     told = f"{mission.id}: {mission.state}"
-    put(mission, as_json, lambda: results.print(told, markup=False, soft_wrap=True))
+    print_result(mission, as_json, lambda: results.print(told, markup=False, soft_wrap=True))
 
 
 def _plan_of(asked: Client, mission: Mission) -> MissionPlan | None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from surveilnav.cli.listing import Column, listing
-from surveilnav.cli.options import DEFAULT_URL, AsJson, Url, gateway, items, put, results
+from surveilnav.cli.options import DEFAULT_URL, AsJson, Url, gateway, items, print_result, results
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -37,7 +37,7 @@ def objects(
     """List the objects that the running system has seen; with TEXT, those that look most like it first."""
     with gateway(url) as asked:
         found = asked.objects(text, label=label, floor=floor, status=state)
-    put(items(found), as_json, lambda: show_objects(found, results))
+    print_result(items(found), as_json, lambda: show_objects(found, results))
 
 
 def show_objects(found: list[Object], console: Console) -> None:

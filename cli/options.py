@@ -86,7 +86,7 @@ def print_json(value: Any) -> None:
     print(json.dumps(value, default=lambda resource: resource.model_dump(mode="json")))
 
 
-def put(value: Any, as_json: bool, show: Callable[[], object]) -> None:
+def print_result(value: Any, as_json: bool, show: Callable[[], object]) -> None:
     """Prints a result: as JSON for programs, else as ``show`` does for people."""
     if as_json:
         print_json(value)

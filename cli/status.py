@@ -8,7 +8,7 @@ from rich.padding import Padding
 from rich.text import Text
 
 from surveilnav.cli.listing import Column, listing
-from surveilnav.cli.options import DEFAULT_URL, AsJson, Url, gateway, items, put, results
+from surveilnav.cli.options import DEFAULT_URL, AsJson, Url, gateway, items, print_result, results
 from surveilnav.cli.terminal import plain
 from surveilnav.cli.words import clock, why_perceived
 
@@ -25,7 +25,7 @@ def status(url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
     """Show what the running system is doing: services, robots, cameras, perception, missions."""
     with gateway(url) as asked:
         found = everything(asked)
-    put({name: items(rows) for name, rows in found.items()}, as_json, lambda: show_status(found, results))
+    print_result({name: items(rows) for name, rows in found.items()}, as_json, lambda: show_status(found, results))
 
 
 def everything(asked: Client) -> dict[str, list[Any]]:

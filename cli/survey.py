@@ -9,7 +9,7 @@ import typer
 
 from surveilnav.cli.extras import needs
 from surveilnav.cli.listing import Column, listing
-from surveilnav.cli.options import AsJson, console, items, put, results
+from surveilnav.cli.options import AsJson, console, items, print_result, results
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 def buildings(as_json: AsJson = False) -> None:
     """List the buildings that can be simulated, with floors, rooms and area."""
     rows = _buildings()
-    put(items(rows), as_json, lambda: show_buildings(rows, results))
+    print_result(items(rows), as_json, lambda: show_buildings(rows, results))
 
 
 def _buildings() -> list[dict[str, Any]]:
@@ -70,7 +70,7 @@ def homes(
     with counting(console, "files") as progress:
         lines = survey_folder(folder, progress)
     found = {"folder": str(folder), "homes": [as_dict(line) for line in lines]}
-    put(found, as_json, lambda: show(lines, results))
+    print_result(found, as_json, lambda: show(lines, results))
     raise typer.Exit(0 if any(line.survey for line in lines) else 1)
 
 
@@ -87,5 +87,5 @@ def doctor(
 
     with bar(console) as progress:
         findings = examine(building, progress)
-    put({"findings": [f.as_dict() for f in findings]}, as_json, lambda: show(findings, results))
+    print_result({"findings": [f.as_dict() for f in findings]}, as_json, lambda: show(findings, results))
     raise typer.Exit(1 if any(f.level == "missing" for f in findings) else 0)

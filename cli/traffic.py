@@ -9,7 +9,7 @@ import typer
 
 from surveilnav.cli.completing import known
 from surveilnav.cli.listing import Cell, Column, facts, listing
-from surveilnav.cli.options import DEFAULT_URL, AsJson, Url, gateway, put, results
+from surveilnav.cli.options import DEFAULT_URL, AsJson, Url, gateway, print_result, results
 from surveilnav.cli.words import human_bytes
 
 if TYPE_CHECKING:
@@ -30,10 +30,10 @@ def traffic(
     with gateway(url) as asked:
         if mission:
             cost = asked.mission_traffic(known(asked, "mission", mission))
-            put(cost, as_json, lambda: show_cost(cost, results))
+            print_result(cost, as_json, lambda: show_cost(cost, results))
         else:
             found = asked.traffic()
-            put(found, as_json, lambda: show_traffic(found, results, nodes=nodes))
+            print_result(found, as_json, lambda: show_traffic(found, results, nodes=nodes))
 
 
 def show_cost(cost: MissionTraffic, console: Console) -> None:

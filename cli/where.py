@@ -8,7 +8,7 @@ import typer
 
 from surveilnav.cli.exits import Exit
 from surveilnav.cli.listing import Column, listing
-from surveilnav.cli.options import DEFAULT_URL, AsJson, Url, gateway, put, results
+from surveilnav.cli.options import DEFAULT_URL, AsJson, Url, gateway, print_result, results
 from surveilnav.cli.words import clock
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ def where(
     """Have all cameras looked at for TARGET, without a robot, and list where it was seen. Exit 0 only if it was."""
     with gateway(url) as asked:
         found = asked.where(target, floor=floor, max_s=max_s)
-    put(found, as_json, lambda: show_sightings(found, results))
+    print_result(found, as_json, lambda: show_sightings(found, results))
     if not found.sightings:
         raise typer.Exit(Exit.FAILED)
 

@@ -18,10 +18,9 @@ from surveilnav.benchmark.dataset.integrity import damage, read_manifest
 from surveilnav.benchmark.dataset.load import SceneData, load_scene, scenes_of, start_of
 from surveilnav.benchmark.dataset.make import counts
 from surveilnav.benchmark.dataset.show import seen_floor
-from surveilnav.camera_plan import CameraPlan, PlannedCamera
+from surveilnav.camera_plan import AZIMUTHS, CameraPlan, PlannedCamera
 from surveilnav.errors import ConfigError, SurveilNavError, TargetError
 from surveilnav.simulator.simulation import SimulatedBuilding
-from surveilnav.simulator.world.cameras import AZIMUTHS
 from surveilnav.simulator.world.goals import MIN_DETOUR, Goals, find_goals
 
 _TOLERANCE_M = 0.02

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from surveilnav.cli.extras import needs
-from surveilnav.cli.options import AsJson, console, put, results
+from surveilnav.cli.options import AsJson, console, print_result, results
 
 
 @needs("services")
@@ -36,5 +36,5 @@ def replay(
     from surveilnav.cli.replay.check import check as compare
 
     outcome = compare(file)
-    put(outcome.as_dict(), as_json, lambda: results.print(outcome.in_words(), markup=False))
+    print_result(outcome.as_dict(), as_json, lambda: results.print(outcome.in_words(), markup=False))
     raise typer.Exit(0 if outcome.same else 1)

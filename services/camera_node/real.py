@@ -10,7 +10,7 @@ import structlog
 
 from surveilnav.bus import BusSettings, Node
 from surveilnav.bus.main import exit_on_sigterm
-from surveilnav.cameras_file import CameraEntry, CamerasFile, load_cameras
+from surveilnav.cameras_file import CamerasFile, load_cameras
 from surveilnav.cameras_file.urls import shown
 from surveilnav.errors import ConfigError
 from surveilnav.services.camera_node.config import CameraSettings
@@ -29,15 +29,14 @@ def run_real_camera(settings: CameraSettings, bus: BusSettings) -> None:
     Raises:
         ConfigError: the file can't be read, or the camera that the settings name has a mistake in it.
     """
-    path = Path(settings.file)
+    watched = _WatchedFile(Path(settings.file))
     changed = True
     while changed:
         exit_on_sigterm()
-        _report_problems(load_cameras(path), settings.id)
-        with take_camera(settings.id, lambda: list(load_cameras(path).cameras), str(path), bus) as (name, node):
-            file = load_cameras(path)
-            entry = file.cameras.get(name)  # None: it was removed while it was being taken
-            changed = entry is None or _run(file, entry, node, settings)
+        watched.reload_if_changed()
+        _report_problems(watched.file, settings.id)
+        with take_camera(settings.id, watched.names, settings.file, bus) as (name, node):
+            changed = _run(watched, name, node, settings)
 
 
 def _report_problems(file: CamerasFile, camera: str) -> None:
@@ -49,8 +48,9 @@ def _report_problems(file: CamerasFile, camera: str) -> None:
         log.warning("a mistake in the file of cameras", file=str(file.path), mistake=str(problem))
 
 
-def _run(file: CamerasFile, entry: CameraEntry, node: Node, settings: CameraSettings) -> bool:
+def _run(watched: _WatchedFile, name: str, node: Node, settings: CameraSettings) -> bool:
     """Runs a camera until SIGTERM or until its entry in the file has changed; returns whether it has."""
+    file, entry = watched.file, watched.file.cameras[name]
 
     def make_reader() -> FrameReader:
         size_px = entry.lens.width_px, entry.lens.height_px
@@ -63,7 +63,7 @@ def _run(file: CamerasFile, entry: CameraEntry, node: Node, settings: CameraSett
         )
     except (ValueError, ConfigError) as error:
         raise ConfigError(f"{file.path}: camera {entry.name}: {error}") from None
-    watcher = _EntryWatcher(file, entry)
+    watcher = _EntryWatcher(watched, name)
     node.log.info("reads a stream", stream=shown(entry.stream), views=len(source.views))
     service = CameraService(node, source, settings)
 
@@ -84,9 +84,9 @@ def _run(file: CamerasFile, entry: CameraEntry, node: Node, settings: CameraSett
 class _EntryWatcher:
     """Notices that a camera's entry in the file has changed or is gone. A file or an entry with a mistake changes nothing."""
 
-    def __init__(self, file: CamerasFile, entry: CameraEntry) -> None:
-        self._file, self._entry = file, entry
-        self._stamp = _stamp(file.path)
+    def __init__(self, watched: _WatchedFile, name: str) -> None:
+        self._watched, self._name = watched, name
+        self._running = watched.file
         self._looked_s = time.monotonic()
         self.has_changed = False
 
@@ -96,25 +96,47 @@ class _EntryWatcher:
         if now_s - self._looked_s < _LOOK_AT_FILE_S:
             return self.has_changed
         self._looked_s = now_s
-        stamp = _stamp(self._file.path)
-        if stamp != self._stamp:
-            self._stamp = stamp
-            self.has_changed = self._differs()
-        return self.has_changed
-
-    def _differs(self) -> bool:
         try:
-            file = load_cameras(self._file.path)
+            if self._watched.reload_if_changed():
+                self.has_changed = self._differs(self._watched.file)
         except ConfigError as error:
             structlog.get_logger().warning("the changed file of cameras isn't used", error=str(error))
-            return False
-        entry = file.cameras.get(self._entry.name)
+            self.has_changed = False
+        return self.has_changed
+
+    def _differs(self, file: CamerasFile) -> bool:
+        entry, running = file.cameras.get(self._name), self._running.cameras[self._name]
         if entry is None:
-            mistakes = [str(p) for p in file.problems if p.camera == self._entry.name]
+            mistakes = [str(p) for p in file.problems if p.camera == self._name]
             for mistake in mistakes:
                 structlog.get_logger().warning("the changed entry isn't used", mistake=mistake)
             return not mistakes  # it was removed
-        return entry != self._entry or file.floors[entry.floor] != self._file.floors[self._entry.floor]
+        return entry != running or file.floors[entry.floor] != self._running.floors[running.floor]
+
+
+class _WatchedFile:
+    """The file of cameras as it was last read. It is read again only after it has changed.
+
+    Raises:
+        ConfigError: nothing in it can be used.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path, self._stamp = path, _stamp(path)
+        self.file = load_cameras(path)
+
+    def reload_if_changed(self) -> bool:
+        """Whether the file has changed and was read. ConfigError: nothing in it can be used; ``file`` stays the former one."""
+        if (stamp := _stamp(self._path)) == self._stamp:
+            return False
+        self._stamp = stamp
+        self.file = load_cameras(self._path)
+        return True
+
+    def names(self) -> list[str]:
+        """The cameras of the file as it is now."""
+        self.reload_if_changed()
+        return list(self.file.cameras)
 
 
 def _stamp(path: Path) -> tuple[int, int]:

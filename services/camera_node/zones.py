@@ -20,13 +20,13 @@ from typing import Any
 import yaml
 
 from surveilnav.errors import ConfigError
-from surveilnav.geometry.polygon import Polygon, polygon_fault
+from surveilnav.geometry.polygon import MAX_CORNERS, MAX_ZONES, Polygon, polygon_fault
 
 #: By view, its polygons.
 Zones = Mapping[int, Sequence[Polygon]]
 
 _ALL = "all"
-_MAX_BYTES, _MAX_ZONES, _MAX_CORNERS = 1 << 20, 100, 100
+_MAX_BYTES = 1 << 20
 
 
 def read_zones(
@@ -94,15 +94,15 @@ def _view(name: str, n_views: int, where: str) -> int:
 
 
 def _polygons(listed: Any, where: str) -> list[Polygon]:
-    if not isinstance(listed, list) or len(listed) > _MAX_ZONES:
-        raise ConfigError(f"{where}: expected a list of at most {_MAX_ZONES} zones, got {_shown(listed)}")
+    if not isinstance(listed, list) or len(listed) > MAX_ZONES:
+        raise ConfigError(f"{where}: expected a list of at most {MAX_ZONES} zones, got {_shown(listed)}")
     return [_polygon(zone, f"{where}, zone {i}") for i, zone in enumerate(listed, 1)]
 
 
 def _polygon(zone: Any, where: str) -> Polygon:
     """The corners of a zone. ConfigError: they don't form a simple polygon inside the picture."""
-    if not isinstance(zone, list) or not 3 <= len(zone) <= _MAX_CORNERS:
-        raise ConfigError(f"{where}: expected 3 to {_MAX_CORNERS} corners [x, y], got {_shown(zone)}")
+    if not isinstance(zone, list) or not 3 <= len(zone) <= MAX_CORNERS:
+        raise ConfigError(f"{where}: expected 3 to {MAX_CORNERS} corners [x, y], got {_shown(zone)}")
     polygon = tuple(_corner(corner, where) for corner in zone)
     if fault := polygon_fault(polygon):
         raise ConfigError(f"{where}: {fault}")

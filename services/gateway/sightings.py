@@ -10,7 +10,7 @@ from surveilnav.messages import CameraSearch, CameraSearchReport, ObjectRecord
 from surveilnav.rest import ROOT, SearchedCamera, Sighting, Sightings, SightingsRequest
 from surveilnav.services.gateway.bus_requests import request
 from surveilnav.services.gateway.core.problems import Problem
-from surveilnav.services.gateway.core.resources import object_from_record
+from surveilnav.services.gateway.core.resources import resource_from, utc
 from surveilnav.services.gateway.core.selection import ObjectFilter
 from surveilnav.services.gateway.objects import Objects
 from surveilnav.services.gateway.state import BuildingState
@@ -54,17 +54,12 @@ class CameraSightings:
         )
 
     def _sighting(self, record: ObjectRecord) -> Sighting:
-        found = object_from_record(record)
-        return Sighting(
-            floor=found.floor,
-            object=found.id,
-            label=found.label,
-            status=found.status,
-            confidence=found.confidence,
-            position_m=found.center_m,
-            position_sigma_m=found.position_sigma_m,
-            last_seen=found.last_seen,
-            sources=found.sources,
+        return resource_from(
+            Sighting,
+            record,
+            object=record.id,
+            position_m=record.center_m,
+            last_seen=utc(record.last_seen_ns),
             picture=self._picture(record),
         )
 

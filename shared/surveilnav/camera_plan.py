@@ -2,9 +2,21 @@
 
 from __future__ import annotations
 
+import math
+
 import msgspec
 
-from surveilnav.geometry import Pinhole, Pose
+from surveilnav.geometry import Matrix4, Pinhole, Pose, camera_pose
+
+#: The paper's views of a ceiling camera (section III-B): so many azimuths at this pitch, and one straight down.
+AZIMUTHS = 12
+PITCH_RAD = math.radians(-30.0)
+
+
+def views_around(position_m: tuple[float, float, float]) -> list[Matrix4]:
+    """``T_world_camera`` of the paper's 13 views: 0-11 at azimuth 30 degrees times the number, 12 straight down."""
+    around = [camera_pose(position_m, 2 * math.pi * k / AZIMUTHS, PITCH_RAD) for k in range(AZIMUTHS)]
+    return [*around, camera_pose(position_m, 0.0, -math.pi / 2)]
 
 
 class PlannedCamera(msgspec.Struct, frozen=True):

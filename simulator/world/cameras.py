@@ -14,8 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from surveilnav.camera_plan import AZIMUTHS, views_around
 from surveilnav.errors import ConfigError
-from surveilnav.geometry import Matrix4, Pinhole, camera_pose
+from surveilnav.geometry import Matrix4, Pinhole
 from surveilnav.simulator.world.free_ground import FloorNavigation
 from surveilnav.simulator.world.geodesic import spread
 from surveilnav.simulator.world.navigation import NavigationMap
@@ -23,8 +24,6 @@ from surveilnav.simulator.world.raycast import RayCaster
 from surveilnav.simulator.world.scene import Scene
 
 MOUNTING_M = 1.8
-AZIMUTHS = 12
-TILT_RAD = math.radians(-30.0)
 #: The paper's: 1280x1280 pixels, 100 degrees (section V-A).
 CAMERA = Pinhole.from_hfov(1280, 1280, math.radians(100.0))
 
@@ -106,7 +105,7 @@ def place_cameras(
 
 def _camera_at(name: str, floor: FloorNavigation, xy: NDArray[np.float64], seen_m: NDArray[np.float32]) -> PlacedCamera:
     position = (float(xy[0]), float(xy[1]), floor.z_m + MOUNTING_M)
-    return PlacedCamera(name, floor.id, position, _views(position), _best_half(seen_m))
+    return PlacedCamera(name, floor.id, position, tuple(views_around(position)), _best_half(seen_m))
 
 
 def _standable(navigation: NavigationMap, floor: str, everywhere: bool) -> NDArray[np.bool_]:
@@ -196,11 +195,6 @@ def _directions() -> NDArray[np.float32]:
     azimuth = math.pi * (1.0 + math.sqrt(5.0)) * i  # Fibonacci's spiral
     level = np.sqrt(1.0 - up**2)
     return np.stack([level * np.cos(azimuth), level * np.sin(azimuth), up], axis=-1).astype(np.float32)
-
-
-def _views(position_m: tuple[float, float, float]) -> tuple[Matrix4, ...]:
-    around = [camera_pose(position_m, 2 * math.pi * k / AZIMUTHS, TILT_RAD) for k in range(AZIMUTHS)]
-    return (*around, camera_pose(position_m, 0.0, -math.pi / 2))
 
 
 def _best_half(seen_m: NDArray[np.float32]) -> int:

@@ -15,9 +15,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from surveilnav.camera_plan import PITCH_RAD
 from surveilnav.geometry import Matrix4, Pinhole, camera_pose
 from surveilnav.robot_body import CAMERA_HEIGHT_M, LOOK_RAD
-from surveilnav.simulator.world.cameras import CAMERA, MOUNTING_M, TILT_RAD
+from surveilnav.simulator.world.cameras import CAMERA, MOUNTING_M
 from surveilnav.simulator.world.labels import TARGETS
 from surveilnav.simulator.world.navigation import NavigationMap
 from surveilnav.simulator.world.scene import Instance, Scene
@@ -30,7 +31,7 @@ TRAINING_SIZES: dict[Kind, tuple[int, int]] = {"robot": (320, 240), "camera": (4
 SENSOR_SIZES: dict[Kind, tuple[int, int]] = {"robot": (640, 480), "camera": (CAMERA.width_px, CAMERA.height_px)}
 ROBOT_HFOV_RAD = math.radians(79.0)
 #: The camera plan's own kind of view (height, tilt, field of view), and what else hangs on walls.
-_USUAL = (MOUNTING_M, TILT_RAD, CAMERA.hfov_rad)
+_USUAL = (MOUNTING_M, PITCH_RAD, CAMERA.hfov_rad)
 _HEIGHTS_M, _TILTS_RAD, _HFOVS_RAD = (1.8, 2.6), np.radians((-50.0, -15.0)), np.radians((70.0, 110.0))
 _USUAL_SHARE, _AIMED_SHARE = 0.4, 0.8
 #: Of aimed views: at one of the searches' goals.

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 _SIZE_PX = (64, 48)
 #: A block has changed if it differs by more than this many times its usual difference, and by more than this of 255.
 _SIGMAS, _MIN_DIFFERENCE = 4.0, 8.0
-#: Shares of the blocks from which a picture is worth sending; a person at ten metres covers about ten blocks of 3,072.
+#: Number of changed blocks from which a picture is worth sending; a person at ten metres covers about ten blocks of 3,072.
 _MIN_BLOCKS = 4
 _LEARN = 0.05
 
@@ -27,8 +27,8 @@ class ChangeDetector:
         self._previous: NDArray[np.float32] | None = None
         self._noise = np.full(_SIZE_PX[::-1], 2.0, np.float32)
 
-    def changed_blocks(self, rgb: NDArray[np.uint8]) -> int:
-        """The number of blocks of 64 x 48 that show something else than the picture that was sent last; all before the first."""
+    def observe(self, rgb: NDArray[np.uint8]) -> bool:
+        """Takes in the next picture. True if it is worth sending: it shows something else than the one that was sent last."""
         now = _blocks(rgb)
         previous, self._previous = self._previous, now
         if previous is not None:  # from one picture to the next most blocks show the same: their difference is noise
@@ -36,15 +36,11 @@ class ChangeDetector:
             quiet = step < _SIGMAS * self._noise + _MIN_DIFFERENCE
             self._noise[quiet] += _LEARN * (step[quiet] - self._noise[quiet])
         if self._sent is None:
-            return int(now.size)
+            return True
         sent = _aligned(self._sent, now)
         changed = np.abs(sent - now) > np.maximum(_MIN_DIFFERENCE, _SIGMAS * self._noise)
         self._sent = np.where(changed, sent, sent + _LEARN * (now - sent))
-        return int(changed.sum())
-
-    def worth_sending(self, rgb: NDArray[np.uint8]) -> bool:
-        """Whether enough has changed since the picture that was sent last."""
-        return self.changed_blocks(rgb) >= _MIN_BLOCKS
+        return int(changed.sum()) >= _MIN_BLOCKS
 
     def sent(self, rgb: NDArray[np.uint8]) -> None:
         """Records that a picture was sent."""

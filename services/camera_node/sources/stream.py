@@ -165,7 +165,7 @@ class StreamSource:
             self._health.frame(now_s, statistics)
             if not self._health.usable:
                 return
-            if self._changes.worth_sending(rgb) or not was_live or now_s - self._sent_s >= REFRESH_S:
+            if self._changes.observe(rgb) or not was_live or now_s - self._sent_s >= REFRESH_S:
                 self._changes.sent(rgb)
                 self._newest, self._version, self._sent_s = replace(frame, rgb=rgb), self._version + 1, now_s
 

@@ -10,9 +10,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validat
 from surveilnav.contract import ID_PATTERN
 from surveilnav.geometry import Matrix4, Pinhole, camera_pose
 from surveilnav.geometry.lens import BrownConrady, KannalaBrandt, Lens
-from surveilnav.geometry.polygon import polygon_fault
-
-_MAX_ZONES, _MAX_CORNERS = 100, 100
+from surveilnav.geometry.polygon import MAX_CORNERS, MAX_ZONES, polygon_fault
 
 
 class _Entry(BaseModel):
@@ -35,7 +33,7 @@ def _polygon(corners: list[tuple[float, float]]) -> list[tuple[float, float]]:
     return corners
 
 
-Zone = Annotated[list[tuple[Share, Share]], Field(min_length=3, max_length=_MAX_CORNERS), AfterValidator(_polygon)]
+Zone = Annotated[list[tuple[Share, Share]], Field(min_length=3, max_length=MAX_CORNERS), AfterValidator(_polygon)]
 
 
 class FloorEntry(_Entry):
@@ -131,7 +129,7 @@ class CameraEntry(_Entry):
     max_hz: float = Field(1.0, gt=0, le=30, description="pictures a second that it sends, at most")
     zones: list[Zone] = Field(
         [],
-        max_length=_MAX_ZONES,
+        max_length=MAX_ZONES,
         description="polygons that nobody is ever shown; corners (x, y) as shares of the stream's width and height",
     )
 

@@ -5,12 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from surveilnav.camera_plan import views_around
 from surveilnav.cameras_file.model import CameraEntry
-from surveilnav.geometry import Matrix4, Pinhole, Pose, camera_pose
+from surveilnav.geometry import Pinhole, Pose
 from surveilnav.geometry.lens import BrownConrady, Lens, Undistortion
 
-#: The paper's views of a ceiling camera: 12 directions 30 degrees below the horizon, and straight down.
-_N_AROUND, _AROUND_PITCH_RAD = 12, math.radians(-30.0)
 _MAX_HFOV_RAD = math.radians(100.0)
 #: A view of which the lens sees less than this share is left out.
 _MIN_SEEN = 0.5
@@ -40,7 +39,7 @@ def views_of(entry: CameraEntry) -> CameraViews:
     lens, T_world_lens = entry.lens.lens(), entry.pose()
     intrinsics = _intrinsics(entry, lens)
     poses, undistortions = [], []
-    for T_world_view in _directions(entry, T_world_lens):
+    for T_world_view in views_around(entry.position_m) if entry.views == "around" else [T_world_lens]:
         R_lens_view = T_world_lens[:3, :3].T @ T_world_view[:3, :3]
         undistortion = Undistortion.from_lens(lens, intrinsics, R_lens_view)
         if undistortion.seen.mean() >= _MIN_SEEN:
@@ -49,13 +48,6 @@ def views_of(entry: CameraEntry) -> CameraViews:
     if not poses:
         raise ValueError("the lens sees too little of its views: check lens, direction and view_hfov_deg")
     return CameraViews(intrinsics, tuple(poses), tuple(undistortions))
-
-
-def _directions(entry: CameraEntry, T_world_lens: Matrix4) -> list[Matrix4]:
-    if entry.views == "single":
-        return [T_world_lens]
-    around = [camera_pose(entry.position_m, 2 * math.pi * k / _N_AROUND, _AROUND_PITCH_RAD) for k in range(_N_AROUND)]
-    return [*around, camera_pose(entry.position_m, 0.0, -math.pi / 2)]
 
 
 def _intrinsics(entry: CameraEntry, lens: Lens) -> Pinhole:

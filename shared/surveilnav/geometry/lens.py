@@ -44,12 +44,12 @@ class BrownConrady:
 
     def pixels(self, rays: NDArray[np.floating]) -> NDArray[np.float64]:
         """The pixels (..., 2) as (u, v) of directions (..., 3) in the camera's frame; NaN where the lens sees nothing."""
-        k1, k2, p1, p2, k3, k4, k5, k6 = _padded(self.distortion, 8)
+        _, _, p1, p2, *_ = _padded(self.distortion, 8)
         z = rays[..., 2].astype(np.float64)
         with np.errstate(divide="ignore", invalid="ignore"):
             x, y = rays[..., 0] / z, rays[..., 1] / z
             r2 = x * x + y * y
-            radial = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
+            radial = self._radial(r2)
             xd = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
             yd = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
         seen = (z > 0) & (r2 <= self._max_radius**2)
@@ -58,12 +58,14 @@ class BrownConrady:
     @cached_property
     def _max_radius(self) -> float:
         """The undistorted radius up to which the distorted one grows; beyond it, a polynomial folds back into the picture."""
-        k1, k2, _, _, k3, k4, k5, k6 = _padded(self.distortion, 8)
         r = np.linspace(0.0, 12.0, _SAMPLES)
-        r2 = r * r
         with np.errstate(divide="ignore", invalid="ignore"):
-            distorted = r * (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
-        return _grows_up_to(r, distorted)
+            return _grows_up_to(r, r * self._radial(r * r))
+
+    def _radial(self, r2: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The factor by which distortion moves a point away from the axis, by its squared radius."""
+        k1, k2, _, _, k3, k4, k5, k6 = _padded(self.distortion, 8)
+        return (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
 
 
 @dataclass(frozen=True)
@@ -142,7 +144,7 @@ class Undistortion:
         uv = (uv + 0.5) / shrink - 0.5
         return cls(view, np.where(inside[..., None], uv, -1.0).astype(np.float32), shrink)
 
-    @property
+    @cached_property
     def seen(self) -> NDArray[np.bool_]:
         """(height, width): the pixels that the lens sees."""
         return np.asarray(self.map_px[..., 0] > -0.75)

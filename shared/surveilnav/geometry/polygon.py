@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 Point = tuple[float, float]
 Polygon = Sequence[Point]
 
+#: Limits of what people may write into a file: zones of a view, corners of a zone.
+MAX_ZONES, MAX_CORNERS = 100, 100
 _MIN_AREA = 1e-9
 _SHIFT = 8  # fractional bits of the coordinates that OpenCV gets
 

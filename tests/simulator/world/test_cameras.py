@@ -6,9 +6,10 @@ import math
 import numpy as np
 import pytest
 
+from surveilnav.camera_plan import AZIMUTHS
 from surveilnav.contract import CAMERA_INFO
 from surveilnav.errors import ConfigError
-from surveilnav.simulator.world.cameras import AZIMUTHS, CAMERA, _spread_count, place_cameras
+from surveilnav.simulator.world.cameras import CAMERA, _spread_count, place_cameras
 from surveilnav.simulator.world.navigation import NavigationMap
 from surveilnav.simulator.world.scene import Floor, Stair
 

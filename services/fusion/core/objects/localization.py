@@ -26,7 +26,7 @@ class LocatedDetection:
     Attributes:
         shape: its points as voxels.
         range_m: median distance of its points from the camera.
-    covariance_m2: (2, 2) of its horizontal position if that was estimated; None if a sensor measured its depth.
+        covariance_m2: (2, 2) of its horizontal position if that was estimated; None if a sensor measured its depth.
     """
 
     detection: DetectedObject

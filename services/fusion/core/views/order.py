@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from surveilnav.geometry import Grid, Matrix4, Pinhole
 from surveilnav.services.fusion.core.config import ViewOrderConfig
+from surveilnav.services.fusion.core.maps.projection import AZIMUTHS
 
 _AZIMUTH_STEP_RAD = math.radians(3.0)
 #: A view that looks down more steeply than this sees the floor below its camera on all sides.
@@ -110,12 +111,11 @@ def visible_ranges_m(footprint: ViewFootprint, floor: KnownFloor | None) -> NDAr
     """The horizontal ranges that a view without depth shows, by azimuth: up to the first known obstacle.
 
     Returns:
-        (360, 2) float32, as ``maps.projection.azimuth_ranges``: nearest and farthest distance [m] from the camera for azimuths of
-        [k, k + 1) degrees anticlockwise from the world's +x; (0, 0) where the view doesn't look.
+        (360, 2) float32, as ``maps.projection.azimuth_ranges``; (0, 0) where the view doesn't look.
     """
     f = footprint
-    out = np.zeros((360, 2), np.float32)
-    azimuths_rad = np.radians(np.arange(360) + 0.5)
+    out = np.zeros((AZIMUTHS, 2), np.float32)
+    azimuths_rad = (np.arange(AZIMUTHS) + 0.5) * (2 * math.pi / AZIMUTHS)
     off_axis_rad = np.abs((azimuths_rad - f.azimuth_rad + math.pi) % (2 * math.pi) - math.pi)
     bins = np.nonzero(off_axis_rad <= f.half_width_rad)[0]
     if f.to_m <= f.from_m:
@@ -129,8 +129,7 @@ def visible_ranges_m(footprint: ViewFootprint, floor: KnownFloor | None) -> NDAr
     inside = floor.grid.contains(cells)
     row, col = np.where(inside[..., None], cells, 0).transpose(2, 0, 1)
     blocked = inside & (floor.occupied[row, col] > 0) & (r_m > _MOUNTING_WALL_M)
-    first = np.where(blocked.any(axis=1), blocked.argmax(axis=1), len(r_m) - 1)
-    out[bins, 1] = np.where(blocked.any(axis=1), r_m[first], f.to_m)
+    out[bins, 1] = np.where(blocked.any(axis=1), r_m[blocked.argmax(axis=1)], f.to_m)
     out[out[:, 1] <= out[:, 0]] = 0.0
     return out
 

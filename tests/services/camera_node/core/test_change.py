@@ -26,7 +26,7 @@ def hour(light: float = 0.0, flicker: float = 0.0, compressed: bool = True, n: i
 def n_sent(pictures: Iterator[np.ndarray]) -> int:
     detector, n = ChangeDetector(), 0
     for rgb in pictures:
-        if detector.worth_sending(rgb):
+        if detector.observe(rgb):
             detector.sent(rgb)
             n += 1
     return n
@@ -50,7 +50,7 @@ def test_a_person_who_comes_in_stays_and_goes_is_sent_twice_and_while_walking() 
         rgb = streams.room(t, SIZE)
         if 20 <= t < 40:
             rgb = person(rgb, 300)
-        if detector.worth_sending(rgb):
+        if detector.observe(rgb):
             detector.sent(rgb)
             sent.append(t)
     assert sent == [0, 20, 40]
@@ -60,9 +60,9 @@ def test_a_chair_that_was_moved_is_sent_although_light_changes_too() -> None:
     detector = ChangeDetector()
     before = cv2.rectangle(streams.room(1, SIZE), (400, 250), (440, 300), (30, 90, 40), -1)
     after = cv2.rectangle(streams.room(2, SIZE), (470, 250), (510, 300), (30, 90, 40), -1)
-    detector.worth_sending(before)
+    detector.observe(before)
     detector.sent(before)
-    assert detector.worth_sending(np.clip(after * 1.15, 0, 255).astype(np.uint8))
+    assert detector.observe(np.clip(after * 1.15, 0, 255).astype(np.uint8))
 
 
 def test_the_switch_to_infrared_is_sent_once() -> None:
