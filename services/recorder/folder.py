@@ -24,9 +24,13 @@ _MAX_PART_BYTES = 4 << 20
 
 @dataclass(frozen=True, slots=True)
 class _CacheEntry:
-    """What was read from a file when it had this size. ``cameras``: those that it shows; None: it isn't complete."""
+    """What was read from a file when it had this size. ``cameras``: those that it shows; None: it isn't complete.
+
+    A file reaches its last size just before its writer lets go of it, so the size alone doesn't tell that it is complete.
+    """
 
     n_bytes: int
+    is_open: bool
     target: str
     cameras: list[str] | None
 
@@ -104,11 +108,11 @@ class RecordingFolder:
     def _recording(self, file: RecordingFileInfo) -> Recording:
         started_ns, mission = parse_recording_id(file.id) or (0, "")
         known = self._cache.get(file.id)
-        if known is None or known.n_bytes != file.n_bytes:
+        if known is None or (known.n_bytes, known.is_open) != (file.n_bytes, file.is_open):
             path = self.path_of(file.id)
             cameras = None if file.is_open else cameras_of_complete(path)
             target = known.target if known and known.target else target_of(path)
-            known = self._cache[file.id] = _CacheEntry(file.n_bytes, target, cameras)
+            known = self._cache[file.id] = _CacheEntry(file.n_bytes, file.is_open, target, cameras)
         is_complete = known.cameras is not None
         return Recording(
             id=file.id,

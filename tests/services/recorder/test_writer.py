@@ -16,7 +16,7 @@ from surveilnav.services.recorder.core.limits import Limits
 from surveilnav.services.recorder.core.names import recording_id
 from surveilnav.services.recorder.file import RecordingFile
 from surveilnav.services.recorder.folder import RecordingFolder
-from surveilnav.services.recorder.reading import RecordingError, records
+from surveilnav.services.recorder.reading import BEGIN, END, RecordingError, records
 from surveilnav.services.recorder.writer import RecordingWriter
 
 ID, OTHER = recording_id(10**18, "m1"), recording_id(10**18 + 10**9, "m2")
@@ -238,3 +238,14 @@ def test_what_only_looks_like_a_recording_costs_no_other(tmp_path):
     assert folder.files() == []
     (tmp_path / f"{ID}.mcap").mkdir()
     assert folder.enforce(Limits(1, 1), 2**62) == [], "a folder can't be deleted as a file"
+
+
+def test_a_file_listed_between_its_last_byte_and_its_close_is_complete_afterwards(tmp_path):
+    folder = RecordingFolder(tmp_path)
+    file = RecordingFile(folder.path_of(ID))
+    file.add_metadata(BEGIN, {"mission": "m1", "target": "tv"})
+    file.add_metadata(END, {"number": "1"})
+    file._writer.finish()
+    assert [r.state for r in folder.recordings()] == ["recording"]
+    file._raw.close()
+    assert [r.state for r in folder.recordings()] == ["complete"]
