@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from surveilnav.benchmark.play.depth_error import DepthError
 from surveilnav.bus.wire import encode
 from surveilnav.camera_plan import CameraPlan, PlannedCamera
 from surveilnav.contract import CAMERA_FRAME, CAMERA_SUMMARY, ROBOT_OBSERVATION
@@ -49,8 +50,10 @@ from surveilnav.simulator.world.labels import TARGETS
 
 Way = Literal["pixels", "depth"]
 Views = Literal["panoramic", "half"]
-#: What cameras know of depth: as a sensor measures it, or nothing.
-CameraDepth = Literal["sensor", "none"]
+#: What cameras know of depth: as a sensor measures it, nothing, or as wrong as ``DEPTH_ERRORS`` says.
+CameraDepth = Literal["sensor", "none", "estimate-5", "estimate-15"]
+#: A cheap sensor or a good network, and a network that doesn't know its scale.
+DEPTH_ERRORS = {"estimate-5": DepthError(0.05, 0.04), "estimate-15": DepthError(0.15, 0.06)}
 #: By camera, what each of its views takes on the wire.
 ViewBytes = Mapping[str, Sequence[int]]
 
@@ -270,17 +273,21 @@ class Sight:
             )
             measured = self._view_bytes.get(camera.name)
             offered = measured[index] if measured else 0
-            return SeenView(self._without(view), self._perceive(view, rendered, (source, index, 1)), offered)
+            return SeenView(self._as_known(view), self._perceive(view, rendered, (source, index, 1)), offered)
         rendered = self.building.camera_view(camera, index)
         header, payload, offered = _frame(rendered, camera, index, said, self._plan)
         view = decode_frame(header, payload)
-        return SeenView(self._without(view), self._perceive(view, rendered, (source, index, 1)), offered)
+        return SeenView(self._as_known(view), self._perceive(view, rendered, (source, index, 1)), offered)
 
-    def _without(self, view: PosedView) -> PosedView:
-        """A camera's view without what its pictures don't have."""
+    def _as_known(self, view: PosedView) -> PosedView:
+        """A camera's view with what is known of its depth."""
         if self._camera_depth == "sensor":
             return view
-        return replace(view, depth_m=np.zeros_like(view.depth_m), depth_source="none")
+        if self._camera_depth == "none":
+            return replace(view, depth_m=np.zeros_like(view.depth_m), depth_source="none")
+        error = DEPTH_ERRORS[self._camera_depth]
+        depth_m = error.apply(view.depth_m, noise_seed(self.building.settings.seed, view.source, view.view))
+        return replace(view, depth_m=depth_m, depth_source="network", depth_sigma=error.sigma)
 
     def _said(self, camera: str, pose: Pose) -> Pose:
         """Where a camera says that a view was taken from."""

@@ -29,7 +29,8 @@ from surveilnav.geometry import Pinhole, camera_pose
 from surveilnav.sensing.views import DetectedObject, PosedView, ViewPerception
 from surveilnav.services.fusion.core import JointMap, MapConfig
 from surveilnav.services.fusion.core.maps.cloud import VoxelCloud
-from surveilnav.services.fusion.core.maps.floor_map import _count_points, window_around
+from surveilnav.services.fusion.core.maps.counting import count_points
+from surveilnav.services.fusion.core.maps.floor_map import window_around
 from surveilnav.services.fusion.core.maps.projection import world_points
 from surveilnav.services.fusion.core.objects.clustering import dbscan
 
@@ -166,7 +167,7 @@ class Projection:
 
     def ours(self) -> None:
         c = self.config
-        _count_points(
+        count_points(
             self.points,
             self.p_camera,
             0.0,

@@ -97,6 +97,14 @@ class MapConfig(_Part):
         gt=0,
         description="range up to which a camera explores: farther off, detectors miss most things (nine beds in ten)",
     )
+    estimated_max_sigma_m: float = Field(
+        default=0.3, gt=0, description="points of estimated depth that are less certain than this are left out"
+    )
+    estimated_clear_ratio: float = Field(
+        default=1.0,
+        gt=0,
+        description="an estimated obstacle is free again once this many times as many estimated views show bare floor there",
+    )
     value_range_without_depth_m: float = Field(
         default=5.0, gt=0, description="range up to which a view without depth counts for the value map"
     )
@@ -205,6 +213,27 @@ class FootPointConfig(_Part):
     )
     miss_max_sigma_m: float = Field(
         default=0.25, ge=0, description="an object that is less certain isn't missed where a robot looks"
+    )
+
+
+class EstimatedDepthConfig(_Part):
+    """What depth that a network estimated counts for."""
+
+    warp_sigma: float = Field(
+        default=0.06, gt=0, description="standard deviation of the depth's logarithm across a picture, beside its scale"
+    )
+    floor_tolerance: float = Field(
+        default=0.05, gt=0, description="a pixel whose corrected depth is within this share of the floor's shows floor"
+    )
+    floor_peak: float = Field(
+        default=0.5, gt=0, le=1, description="a factor that this share of the most pixels have may be the floor's"
+    )
+    min_floor_samples: int = Field(default=60, ge=10, description="pixels of about 9,000 that must show floor")
+    min_floor_share: float = Field(
+        default=0.1, ge=0, le=1, description="... and their share of the pixels that can; otherwise depth isn't used"
+    )
+    independent_samples: float = Field(
+        default=200.0, gt=0, description="all pixels of a picture together tell as much as this many independent ones"
     )
 
 
@@ -354,6 +383,9 @@ class FusionConfig(_Part):
     objects: ObjectConfig = Field(default=ObjectConfig(), description="object map")
     validation: ValidationConfig = Field(default=ValidationConfig(), description="which views are refused")
     views: ViewOrderConfig = Field(default=ViewOrderConfig(), description="in which order camera views are perceived")
+    estimated_depth: EstimatedDepthConfig = Field(
+        default=EstimatedDepthConfig(), description="how estimated depth is corrected by the floor"
+    )
 
     @classmethod
     def preset(cls, name: Literal["default", "paper"]) -> FusionConfig:

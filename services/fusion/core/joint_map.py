@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from surveilnav.services.fusion.core.maps.floor_map import FloorMap
 from surveilnav.services.fusion.core.maps.value import PendingLayer, ValueMap
 from surveilnav.services.fusion.core.objects.map_object import ObjectChange
 from surveilnav.services.fusion.core.objects.object_map import ObjectMap
+from surveilnav.services.fusion.core.views.floor_fit import fit_floor
 from surveilnav.services.fusion.core.views.invocation import same_floor
 from surveilnav.services.fusion.core.views.order import KnownFloor, ViewFootprint, floor_utilities_m2, visible_ranges_m
 from surveilnav.services.fusion.core.views.validation import ViewError, ViewValidator, check_view
@@ -98,8 +99,9 @@ class JointMap:
         self.validator.record_arrival(view, validation)
         if validation.fault is not None:
             raise validation.fault
-        geometry = self._add_geometry(view) if validation.is_new else None
-        result = self.add_detections(view, perception, geometry)
+        corrected = self._corrected(view)
+        geometry = self._add_geometry(corrected) if validation.is_new else None
+        result = self.add_detections(corrected, perception, geometry)
         if result is not None:
             self.validator.record_integrated(view, perception)
         return result
@@ -117,12 +119,22 @@ class JointMap:
             ViewError: the view can't be by itself. The maps stay as they were.
         """
         check_view(view, perception)
+        view = self._corrected(view)
         result = self.add_detections(view, perception, self._add_geometry(view))
         assert result is not None  # the view added its geometry
         return result
 
+    def _corrected(self, view: PosedView) -> PosedView:
+        """The view with its depth corrected by the floor if it is estimated; without depth if that can't be done."""
+        if view.depth_source in ("sensor", "none"):
+            return view
+        fit = fit_floor(view, self.config.estimated_depth)
+        if fit is None:
+            return replace(view, depth_m=np.zeros_like(view.depth_m), depth_source="none", depth_sigma=0.0)
+        return replace(view, depth_m=fit.depth_m, depth_sigma=fit.sigma)
+
     def _add_geometry(self, view: PosedView) -> _AddedGeometry:
-        """Adds a new picture to the point cloud and to the obstacle and exploration maps of its floor.
+        """Adds a new picture to the maps of its floor: of obstacles and exploration, and if measured to the point cloud.
 
         A view without depth adds nothing to them. What it shows reaches as far as the floor is free by what the maps know.
         """
@@ -133,7 +145,10 @@ class JointMap:
             footprint = ViewFootprint.from_view(view.T_world_camera, view.camera, maps.geometry.z_m, range_m)
             return _AddedGeometry(maps, 0, visible_ranges_m(footprint, self._known_floor(maps.geometry.floor)))
         try:
-            n_points, ranges_m = maps.geometry.integrate(view)
+            if view.depth_source == "sensor":
+                n_points, ranges_m = maps.geometry.integrate(view)
+            else:
+                n_points, ranges_m = maps.geometry.integrate_estimated(view, view.depth_sigma)
         except ValueError as error:
             self._forget_if_new(maps)
             raise ViewError("out_of_map", str(error)) from error
@@ -206,7 +221,7 @@ class JointMap:
         maps = self._named(floor)
         geometry = maps.geometry
         if name == "occupancy":
-            return geometry.grid, geometry.occupied()
+            return geometry.grid, geometry.occupancy()
         if name == "explored":
             return geometry.grid, geometry.explored()
         if name == "frontier":
@@ -361,7 +376,7 @@ class JointMap:
             "climbs": {robot: climb.state() for robot, climb in self._climbs.items()},
             "floors": [
                 {
-                    "geometry": _with_own_layers(maps.geometry.state()),
+                    "geometry": maps.geometry.state(),
                     "value": maps.value.state(),
                     "objects": maps.objects.state(),
                 }
@@ -383,11 +398,6 @@ class JointMap:
                 ObjectMap.from_state(maps["objects"], geometry.floor, geometry.z_m, config.map.voxel_m, config.objects),
             )
         return joint
-
-
-def _with_own_layers(geometry: dict[str, Any]) -> dict[str, Any]:
-    """The state of a floor's geometry, with copies of its layers. Everything else in it is a copy already or never changes."""
-    return geometry | {"layers": {name: layer.copy() for name, layer in geometry["layers"].items()}}
 
 
 def in_order(views: Iterable[PosedView]) -> list[PosedView]:

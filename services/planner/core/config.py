@@ -57,6 +57,12 @@ class PlannerConfig(BaseModel):
     unknown_speed: float = Field(
         0.5, description="factor on the speed through unexplored space; 0 forbids driving through it"
     )
+    estimated_obstacle_speed: float = Field(
+        0.2,
+        gt=0,
+        le=1,
+        description="factor on the speed within the robot's radius of an obstacle that is only estimated",
+    )
     visited_free_radius_m: float = Field(
         0.15, description="within this distance of places where the robot stood, the ground counts as free"
     )

@@ -20,7 +20,8 @@ class FloorMaps:
     Attributes:
         floor: the floor's id; ``floor_z_m``: its altitude [m].
         grid: frame of all layers; each layer is (rows, cols).
-        occupancy, explored, frontier: uint8, 0 or 1.
+        occupancy: uint8, 0, or one of the kinds of obstacles in ``messages.maps``.
+        explored, frontier: uint8, 0 or 1.
         value: float32, relevance to the mission's target; NaN where unknown.
         revision: the number of this state of the maps.
         pending_views: how many views of this floor's cameras haven't been integrated yet.

@@ -10,6 +10,8 @@ from surveilnav.geometry import Grid
 from surveilnav.messages.base import Message
 
 LayerName = Literal["occupancy", "explored", "frontier", "value", "cloud", "provenance"]
+#: Values of the occupancy layer beside 0: a sensor measured an obstacle, or a camera without a depth sensor estimated one.
+OBSTACLE, ESTIMATED_OBSTACLE = 1, 2
 LAYERS: tuple[str, ...] = ("occupancy", "explored", "frontier", "value", "cloud", "provenance")
 
 
@@ -17,7 +19,8 @@ class LayerHeader(Message, frozen=True, kw_only=True):
     """Describes one map layer; the payload is a zstd-compressed, row-major array.
 
     Layers:
-        occupancy, explored, frontier: uint8 on ``grid``, 0 or 1.
+        occupancy: uint8 on ``grid``: 0 free or unknown, ``OBSTACLE``, or ``ESTIMATED_OBSTACLE``.
+        explored, frontier: uint8 on ``grid``, 0 or 1.
         value: float32 on ``grid`` for ``target``, NaN where unknown.
         cloud: (N, 6) float32, x, y, z [m, world] and r, g, b [0-1] of each point.
         provenance: (N, 3) int64, for each point of the cloud of the same revision: index into ``source_sets``, first and

@@ -35,6 +35,7 @@ class PosedView:
         depth_m: (height, width) float32 [m] along the optical axis; 0 or NaN where there is none.
         depth_range_m: (nearest, farthest) depth that the sensor measures.
         depth_source: where the depth comes from; "none": no pixel has one.
+        depth_sigma: of an estimated depth, the standard deviation of its logarithm, about that of its relative error.
     """
 
     source: str
@@ -49,6 +50,7 @@ class PosedView:
     depth_m: NDArray[np.float32]
     depth_range_m: tuple[float, float]
     depth_source: DepthSource = "sensor"
+    depth_sigma: float = 0.0
 
     @property
     def is_robot(self) -> bool:

@@ -10,29 +10,20 @@ from numba import njit
 from numpy.typing import NDArray
 
 from surveilnav.geometry import Grid
+from surveilnav.messages.maps import ESTIMATED_OBSTACLE
 from surveilnav.sensing.views import PosedView
 from surveilnav.services.fusion.core.config import MapConfig
 from surveilnav.services.fusion.core.maps.carving import FreeDepthHistory, FreeDepthImage, bounded_stamp_ns
 from surveilnav.services.fusion.core.maps.cloud import VoxelCloud
+from surveilnav.services.fusion.core.maps.counting import CellCounts, count_voxels_in_cells
 from surveilnav.services.fusion.core.maps.frontier import frontiers
 from surveilnav.services.fusion.core.maps.projection import azimuth_bins, azimuth_ranges, camera_position, world_points
 
 #: A rectangle of cells: (row0, col0, rows, cols). Rows and columns are counted from the world's origin.
 Window = tuple[int, int, int, int]
 
-_MAX_COUNT = 2**32 - 1  # at which counts saturate
-_LAYERS = (
-    "_obstacle_points",
-    "_obstacle_views",
-    "_floor_views",
-    "_explored_views",
-    "_visited",
-    "_voxels_present",
-    "_voxels_carved",
-    "_drop_points",
-    "_drop_views",
-)
-_FLOOR_TOLERANCE_M = 0.08  # a point within this of the floor's altitude is bare floor
+_LAYERS = ("_visited", "_voxels_present", "_voxels_carved")  # beside the counts
+_COUNTS = ("_measured", "_estimated")
 
 
 class FloorMap:
@@ -56,17 +47,13 @@ class FloorMap:
         cells = max(1, round(config.extent_m / r))
         self._row0 = math.floor(centre_m[1] / r) - cells // 2
         self._col0 = math.floor(centre_m[0] / r) - cells // 2
-        self._obstacle_points = np.zeros((cells, cells), np.uint32)
-        self._obstacle_views = np.zeros((cells, cells), np.uint32)
-        self._floor_views = np.zeros((cells, cells), np.uint32)
-        self._explored_views = np.zeros((cells, cells), np.uint32)
+        self._measured = CellCounts.zeros(cells, cells)
+        self._estimated = CellCounts.zeros(cells, cells)
         self._visited = np.zeros((cells, cells), np.uint8)
         self._voxels_present = np.zeros((cells, cells), np.int32)  # voxels of the cloud at heights that block
         self._voxels_carved = np.zeros((cells, cells), np.int32)
-        self._drop_points = np.zeros((cells, cells), np.uint32)
-        self._drop_views = np.zeros((cells, cells), np.uint32)
         self._frontier: tuple[int, NDArray[np.uint8]] | None = None
-        self._occupied: NDArray[np.uint8] | None = None
+        self._occupancy: NDArray[np.uint8] | None = None
         self._free_depths = FreeDepthHistory(config.carve_memory)
         self.cloud = VoxelCloud(config)
 
@@ -74,7 +61,7 @@ class FloorMap:
     def grid(self) -> Grid:
         """The frame of all layers, as large as they are now."""
         r = self._config.resolution_m
-        rows, cols = self._obstacle_points.shape
+        rows, cols = self._visited.shape
         return Grid(self._col0 * r, self._row0 * r, r, rows, cols)
 
     def integrate(self, view: PosedView) -> tuple[int, NDArray[np.float32]]:
@@ -89,7 +76,7 @@ class FloorMap:
         c = self._config
         max_range_m = c.max_range_robot_m if view.is_robot else c.max_range_camera_m
         p_camera = camera_position(view.T_world_camera)
-        self._occupied = None
+        self._occupancy = None
         # depth -> points in the world (the paper's p_global = R p + t)
         p_world, colours = world_points(view, c.points_per_view, max_range_m, c.depth_edge)
         window = window_around(p_world, p_camera, c.robot_radius_m, c.resolution_m)
@@ -102,37 +89,74 @@ class FloorMap:
             self._carve(view, new)
         # points and rays -> obstacle and exploration map
         ranges_m = azimuth_ranges(p_world, p_camera, self.z_m + c.explored_max_m, self.z_m - c.drop_min_m)
-        self._update_counts(
-            p_world, p_camera, ranges_m, window, math.inf if view.is_robot else c.explored_range_camera_m
-        )
+        max_explored_m = math.inf if view.is_robot else c.explored_range_camera_m
+        self._count(self._measured, p_world, p_camera, ranges_m, window, max_explored_m)
         if view.is_robot:
             self._mark_visited(p_camera)
         return len(p_world), ranges_m
 
+    def integrate_estimated(self, view: PosedView, sigma: float) -> tuple[int, NDArray[np.float32]]:
+        """Adds a view whose depth is estimated: to the maps of obstacles and of explored floor, not to the point cloud.
+
+        It counts only where no sensor has measured. Obstacles count as far as their place is certain enough.
+
+        Args:
+            view: its depth is corrected by the floor (``views.floor_fit``).
+            sigma: standard deviation of the logarithm of depth.
+
+        Returns:
+            As ``integrate``.
+
+        Raises:
+            ValueError: the camera is farther away than a map may grow.
+        """
+        c = self._config
+        p_camera = camera_position(view.T_world_camera)
+        self._occupancy = None
+        max_range_m = min(c.max_range_camera_m, c.estimated_max_sigma_m / max(sigma, 1e-3))
+        p_world, _ = world_points(view, c.points_per_view, max_range_m, c.depth_edge)
+        window = window_around(p_world, p_camera, c.robot_radius_m, c.resolution_m)
+        self._grow_to(*window)
+        ranges_m = azimuth_ranges(p_world, p_camera, self.z_m + c.explored_max_m, self.z_m - c.drop_min_m)
+        ranges_m[:, 1] *= 1.0 - sigma
+        self._count(self._estimated, p_world, p_camera, ranges_m, window, c.explored_range_camera_m)
+        return len(p_world), ranges_m
+
     def occupied(self) -> NDArray[np.uint8]:
-        """Obstacle map (rows, cols) uint8 of 0 and 1.
+        """Obstacle map (rows, cols) uint8 of 0 and 1; measured and estimated obstacles alike."""
+        return np.asarray(self.occupancy() != 0).view(np.uint8)
+
+    def occupancy(self) -> NDArray[np.uint8]:
+        """Occupancy (rows, cols) uint8: 0 free or unknown, ``OBSTACLE`` measured, ``ESTIMATED_OBSTACLE`` only estimated.
 
         Occupied are cells with enough points at heights that block, and drops: cells without a floor, through which enough
         rays go down. A cell is free again if it is plainly seen as bare floor, if all but a few of its voxels are carved away, or
-        if a robot stood there.
+        if a robot stood there. Estimates count where no sensor has measured.
         """
-        if self._occupied is None:
-            self._occupied = self._compute_occupied()
-        return self._occupied
+        if self._occupancy is None:
+            self._occupancy = self._compute_occupancy()
+        return self._occupancy
 
-    def _compute_occupied(self) -> NDArray[np.uint8]:
-        c = self._config
-        blocked = self._obstacle_points >= c.obstacle_min_points
-        bare = self._floor_views > c.clear_ratio * self._obstacle_views
+    def _compute_occupancy(self) -> NDArray[np.uint8]:
+        c, counts = self._config, self._measured
+        blocked = counts.obstacle_points >= c.obstacle_min_points
+        bare = counts.floor_views > c.clear_ratio * counts.obstacle_views
         carved = (self._voxels_carved > 0) & (self._voxels_present < c.obstacle_min_points)
-        drop = self._drop_points >= c.obstacle_min_points
-        has_floor = self._floor_views > c.clear_ratio * self._drop_views
+        drop = counts.drop_points >= c.obstacle_min_points
+        has_floor = counts.floor_views > c.clear_ratio * counts.drop_views
         occupied = (blocked & ~bare & ~carved) | (drop & ~has_floor)
-        return np.asarray(occupied & (self._visited == 0)).view(np.uint8)
+        out = np.asarray(occupied & (self._visited == 0)).view(np.uint8)
+        estimated = self._estimated
+        likely = estimated.obstacle_points >= c.obstacle_min_points
+        if likely.any():
+            likely &= estimated.floor_views <= c.estimated_clear_ratio * estimated.obstacle_views
+            out[likely & ~counts.seen() & (self._visited == 0)] = ESTIMATED_OBSTACLE
+        return out
 
     def explored(self) -> NDArray[np.uint8]:
         """Exploration map (rows, cols) uint8 of 0 and 1: cells where a point was seen, a ray passed, or a robot stood."""
-        return ((self._explored_views > 0) | (self._visited > 0)).view(np.uint8)
+        seen = (self._measured.explored_views > 0) | (self._estimated.explored_views > 0)
+        return (seen | (self._visited > 0)).view(np.uint8)
 
     def frontier(self) -> NDArray[np.uint8]:
         """Frontier map (rows, cols) uint8 of 0 and 1."""
@@ -141,14 +165,17 @@ class FloorMap:
         return self._frontier[1]
 
     def state(self) -> dict[str, Any]:
-        """Everything as plain arrays and numbers, for ``from_state``."""
+        """Everything as plain arrays and numbers, for ``from_state``; nothing in it changes when the map does."""
         return {
             "floor": self.floor,
             "z_m": self.z_m,
             "revision": self.revision,
             "row0": self._row0,
             "col0": self._col0,
-            "layers": {name.lstrip("_"): getattr(self, name) for name in _LAYERS},
+            "layers": {name.lstrip("_"): getattr(self, name).copy() for name in _LAYERS},
+            "counts": {
+                name.lstrip("_"): {key: layer.copy() for key, layer in getattr(self, name).layers()} for name in _COUNTS
+            },
             "cloud": self.cloud.state(),
             "free_depths": self._free_depths.state(),
         }
@@ -159,6 +186,9 @@ class FloorMap:
         floor.revision, floor._row0, floor._col0 = int(state["revision"]), int(state["row0"]), int(state["col0"])
         for name in _LAYERS:
             setattr(floor, name, np.array(state["layers"][name.lstrip("_")]))
+        for name in _COUNTS:
+            counts = {key: np.array(layer) for key, layer in state["counts"][name.lstrip("_")].items()}
+            setattr(floor, name, CellCounts(**counts))
         floor.cloud = VoxelCloud.from_state(state["cloud"], config)
         floor._free_depths = FreeDepthHistory.from_state(state["free_depths"], config.carve_memory)
         return floor
@@ -177,7 +207,7 @@ class FloorMap:
         if not len(voxels):
             return
         c = self._config
-        _count_voxels_in_cells(
+        count_voxels_in_cells(
             self.cloud.centres(voxels),
             self._row0,
             self._col0,
@@ -190,8 +220,9 @@ class FloorMap:
             self._voxels_carved,
         )
 
-    def _update_counts(
+    def _count(
         self,
+        counts: CellCounts,
         p_world: NDArray[np.float32],
         p_camera: NDArray[np.float64],
         ranges_m: NDArray[np.float32],
@@ -199,40 +230,11 @@ class FloorMap:
         max_explored_m: float,
     ) -> None:
         """Counts what a view shows in each cell of a window. Beyond ``max_explored_m`` it explores nothing."""
-        c = self._config
-        row0, col0, rows, cols = window
-        explored = azimuth_bins(
-            np.minimum(ranges_m, np.float32(max_explored_m)),
-            p_camera[0],
-            p_camera[1],
-            c.resolution_m,
-            row0,
-            col0,
-            rows,
-            cols,
-        )
-        part = np.s_[row0 - self._row0 : row0 - self._row0 + rows, col0 - self._col0 : col0 - self._col0 + cols]
-        _count_points(
-            p_world,
-            p_camera,
-            self.z_m,
-            c.resolution_m,
-            row0,
-            col0,
-            explored,
-            max_explored_m**2,
-            c.obstacle_min_m,
-            c.obstacle_max_m,
-            c.drop_min_m,
-            c.obstacle_noise_per_m,
-            c.explored_max_m,
-            self._obstacle_points[part],
-            self._obstacle_views[part],
-            self._drop_points[part],
-            self._drop_views[part],
-            self._floor_views[part],
-            self._explored_views[part],
-        )
+        near_m = np.minimum(ranges_m, np.float32(max_explored_m))
+        explored = azimuth_bins(near_m, p_camera[0], p_camera[1], self._config.resolution_m, *window)
+        corner = window[0], window[1]
+        offset = window[0] - self._row0, window[1] - self._col0
+        counts.add(p_world, p_camera, self.z_m, explored, corner, offset, max_explored_m, self._config)
 
     def _mark_visited(self, p_camera: NDArray[np.float64]) -> None:
         """Marks the cells under a robot as visited; its camera is above its centre."""
@@ -261,11 +263,13 @@ class FloorMap:
                 f"at most {self._config.max_extent_m:g} m are allowed (max_extent_m)"
             )
         self._row0, self._col0 = self._row0 - below, self._col0 - left
-        for name in _LAYERS:
-            old = getattr(self, name)
+        layers: list[tuple[FloorMap | CellCounts, str]] = [(self, name) for name in _LAYERS]
+        layers += [(counts, name) for counts in (self._measured, self._estimated) for name, _ in counts.layers()]
+        for owner, name in layers:
+            old = getattr(owner, name)
             new = np.zeros(shape, old.dtype)
             new[below : below + old.shape[0], left : left + old.shape[1]] = old
-            setattr(self, name, new)
+            setattr(owner, name, new)
 
 
 def window_around(
@@ -282,19 +286,6 @@ def window_around(
 
 
 @njit(cache=True, nogil=True)
-def _count_voxels_in_cells(  # type: ignore[no-untyped-def]
-    centres, row0, col0, resolution_m, low, high, present, carved, n_present, n_carved
-):
-    for i in range(len(centres)):
-        if low <= centres[i, 2] <= high:
-            row = int(np.floor(centres[i, 1] / resolution_m)) - row0
-            col = int(np.floor(centres[i, 0] / resolution_m)) - col0
-            if 0 <= row < n_present.shape[0] and 0 <= col < n_present.shape[1]:
-                n_present[row, col] += present
-                n_carved[row, col] += carved
-
-
-@njit(cache=True, nogil=True)
 def _bounds(points):  # type: ignore[no-untyped-def]
     box = np.empty((2, 2), np.float64)
     for k in range(2):
@@ -304,65 +295,3 @@ def _bounds(points):  # type: ignore[no-untyped-def]
             box[0, k] = min(box[0, k], points[i, k])
             box[1, k] = max(box[1, k], points[i, k])
     return box
-
-
-@njit(cache=True, nogil=True)
-def _count_points(  # type: ignore[no-untyped-def]
-    points,
-    p_camera,
-    z,
-    resolution_m,
-    row0,
-    col0,
-    explored,
-    max_explored_squared,
-    low,
-    high,
-    drop,
-    noise,
-    explored_max,
-    obstacle_points,
-    obstacle_views,
-    drop_points,
-    drop_views,
-    floor_views,
-    explored_views,
-):
-    rows, cols = explored.shape
-    obstacles = np.zeros((rows, cols), np.uint16)
-    drops = np.zeros((rows, cols), np.uint16)
-    bare = np.zeros((rows, cols), np.uint8)
-    for i in range(points.shape[0]):
-        x, y = np.float64(points[i, 0]), np.float64(points[i, 1])
-        height = points[i, 2] - z
-        dx, dy = points[i, 0] - p_camera[0], points[i, 1] - p_camera[1]
-        squared = dx * dx + dy * dy
-        is_drop = height < -drop - noise * squared
-        if is_drop:  # there is no floor where the ray is this deep; above the point itself there may be one
-            share = (p_camera[2] - z + drop) / (p_camera[2] - points[i, 2])
-            if not 0.0 < share <= 1.0:
-                continue
-            x, y, squared = p_camera[0] + share * dx, p_camera[1] + share * dy, share * share * squared
-        col = int(np.floor(x / resolution_m)) - col0
-        row = int(np.floor(y / resolution_m)) - row0
-        if height <= explored_max and squared <= max_explored_squared:  # a cell with a point is explored, whatever
-            explored[row, col] = 0  # the ranges of its azimuth bin
-        if is_drop:
-            drops[row, col] += 1
-        elif low + noise * squared <= height <= high:
-            obstacles[row, col] += 1
-        elif abs(height) <= _FLOOR_TOLERANCE_M:
-            bare[row, col] = 1
-    for row in range(rows):
-        for col in range(cols):
-            n_obstacle, n_drop = obstacles[row, col], drops[row, col]
-            if n_obstacle > 0:
-                obstacle_points[row, col] = min(_MAX_COUNT, int(obstacle_points[row, col]) + n_obstacle)
-                obstacle_views[row, col] = min(_MAX_COUNT, int(obstacle_views[row, col]) + 1)
-            if n_drop > 0:
-                drop_points[row, col] = min(_MAX_COUNT, int(drop_points[row, col]) + n_drop)
-                drop_views[row, col] = min(_MAX_COUNT, int(drop_views[row, col]) + 1)
-            if n_obstacle == 0 and n_drop == 0 and bare[row, col] > 0:
-                floor_views[row, col] = min(_MAX_COUNT, int(floor_views[row, col]) + 1)
-            if explored[row, col] >= 0:
-                explored_views[row, col] = min(_MAX_COUNT, int(explored_views[row, col]) + 1)

@@ -23,27 +23,44 @@ _EDGE_PX = 2
 #: The lowest pixels of a mask: this share of its height, so that one stray pixel isn't the foot.
 _FOOT_SHARE = 0.04
 _MAX_THICKNESS_M = 0.8
+#: How uncertain a place is across the ray, beside the camera's direction.
+_ACROSS_M = 0.05
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class StandingThing:
-    """A thing that was located by its foot.
+class EstimatedPlace:
+    """Where a thing is that no sensor measured.
 
     Attributes:
-        p_world: (N, 3) points of an upright slab of its outline, as thick as half of its width [m, world].
+        p_world: (N, 3) its points [m, world].
         covariance_m2: (2, 2) of its horizontal position.
-        range_m: horizontal distance of its foot from the camera.
+        range_m: its horizontal distance from the camera.
     """
 
-    p_world: NDArray[np.float64]
+    p_world: NDArray[np.floating]
     covariance_m2: NDArray[np.float64]
     range_m: float
+
+    @classmethod
+    def along_ray(
+        cls,
+        p_world: NDArray[np.floating],
+        ahead: NDArray[np.floating],
+        along_m: float,
+        range_m: float,
+        config: FootPointConfig,
+    ) -> EstimatedPlace:
+        """A place whose standard deviation is ``along_m`` along the ray, whose horizontal direction is ``ahead`` (2,)."""
+        across_m = math.hypot(range_m * config.sigma_pose_rad, _ACROSS_M)
+        side = np.array([-ahead[1], ahead[0]])
+        covariance_m2 = along_m**2 * np.outer(ahead, ahead) + across_m**2 * np.outer(side, side)
+        return cls(p_world, covariance_m2, range_m)
 
 
 def locate_by_foot(
     view: PosedView, detection: DetectedObject, floor_z_m: float, config: FootPointConfig
-) -> StandingThing | None:
-    """Locates a detection in a view without depth; None if its foot can't be seen, or is too uncertain.
+) -> EstimatedPlace | None:
+    """Locates a detection in a view without a depth sensor; None if its foot can't be seen, or is too uncertain.
 
     Args:
         floor_z_m: altitude of the floor [m, world].
@@ -70,10 +87,7 @@ def locate_by_foot(
     p_world = _slab(view, u, v, foot, ahead)
     if not len(p_world):
         return None
-    across_m = math.hypot(range_m * angle_rad, 0.05)
-    side = np.array([-ahead[1], ahead[0]])
-    covariance_m2 = along_m**2 * np.outer(ahead, ahead) + across_m**2 * np.outer(side, side)
-    return StandingThing(p_world, covariance_m2, range_m)
+    return EstimatedPlace.along_ray(p_world, ahead, along_m, range_m, config)
 
 
 def _mask_pixels(detection: DetectedObject, view: PosedView) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -15,7 +15,7 @@ from surveilnav.geometry import transform_points
 from surveilnav.sensing.views import DetectedObject, PosedView, box_cells
 from surveilnav.services.fusion.core.config import ObjectConfig, PointsConfig
 from surveilnav.services.fusion.core.objects.clustering import largest_cluster
-from surveilnav.services.fusion.core.objects.foot_point import locate_by_foot
+from surveilnav.services.fusion.core.objects.foot_point import EstimatedPlace, locate_by_foot
 from surveilnav.services.fusion.core.objects.shape import Shape
 
 
@@ -56,17 +56,36 @@ def locate(
 ) -> LocatedDetection | None:
     """Back-projects the mask of a detection and keeps its largest cluster; None if too few points are left.
 
-    In a view without depth the detection is located by its foot.
+    In a view without a depth sensor the detection is located by its foot or by estimated depth, whichever is more certain.
     """
     c = config.points
     if detection.score < c.min_score:
         return None
-    if view.depth_source == "none":
-        standing = locate_by_foot(view, detection, view.floor_z_m, config.foot_point)
-        if standing is None:
+    if view.depth_source == "sensor":
+        if (points := _cluster(view, detection, c)) is None:
             return None
-        shape = Shape.from_points(standing.p_world, voxel_m, config.association.overlap_voxel_m)
-        return LocatedDetection(detection, shape, standing.range_m, embedding_model, standing.covariance_m2)
+        shape = Shape.from_points(points.p_world, voxel_m, config.association.overlap_voxel_m)
+        return LocatedDetection(detection, shape, points.range_m, embedding_model)
+    estimates = [locate_by_foot(view, detection, view.floor_z_m, config.foot_point)]
+    if view.depth_source != "none":
+        estimates.append(_locate_by_estimated_depth(view, detection, config))
+    estimate = min(filter(None, estimates), key=lambda e: float(np.trace(e.covariance_m2)), default=None)
+    if estimate is None:
+        return None
+    shape = Shape.from_points(estimate.p_world, voxel_m, config.association.overlap_voxel_m)
+    return LocatedDetection(detection, shape, estimate.range_m, embedding_model, estimate.covariance_m2)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Cluster:
+    """The largest cluster of a mask's points: (N, 3) [m, world], and its median distance from the camera [m]."""
+
+    p_world: NDArray[np.floating]
+    range_m: float
+
+
+def _cluster(view: PosedView, detection: DetectedObject, c: PointsConfig) -> _Cluster | None:
+    """The largest cluster of the points of a mask; None if it is too small."""
     p_camera, spacing_m = _mask_points(view, detection, c)
     if len(p_camera) < c.min_points:
         return None
@@ -75,9 +94,23 @@ def locate(
     if len(kept) < c.min_points:
         return None
     p_world = transform_points(view.T_world_camera, p_camera[kept].astype(np.float64))
-    range_m = float(np.median(np.linalg.norm(p_camera[kept], axis=1)))
-    shape = Shape.from_points(p_world, voxel_m, config.association.overlap_voxel_m)
-    return LocatedDetection(detection, shape, range_m, embedding_model)
+    return _Cluster(p_world, float(np.median(np.linalg.norm(p_camera[kept], axis=1))))
+
+
+def _locate_by_estimated_depth(
+    view: PosedView, detection: DetectedObject, config: ObjectConfig
+) -> EstimatedPlace | None:
+    """Locates a detection by depth that was estimated: along the ray it is as uncertain as that depth."""
+    points = _cluster(view, detection, config.points)
+    if points is None:
+        return None
+    p_camera = view.T_world_camera[:2, 3]
+    away = np.median(points.p_world[:, :2], axis=0) - p_camera
+    horizontal_m = float(np.linalg.norm(away))
+    along_m = view.depth_sigma * points.range_m
+    if horizontal_m < 1e-3 or along_m > config.foot_point.max_sigma_m:
+        return None
+    return EstimatedPlace.along_ray(points.p_world, away / horizontal_m, along_m, horizontal_m, config.foot_point)
 
 
 def _mask_points(view: PosedView, detection: DetectedObject, c: PointsConfig) -> tuple[NDArray[np.float32], float]:

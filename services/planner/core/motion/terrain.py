@@ -16,6 +16,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from surveilnav.geometry import Grid
+from surveilnav.messages.maps import ESTIMATED_OBSTACLE
 from surveilnav.robot_body import clearance_m, fits
 from surveilnav.services.planner.core.config import PlannerConfig
 from surveilnav.services.planner.core.inputs import FloorMaps, RobotView
@@ -32,8 +33,8 @@ class Terrain:
 
     Attributes:
         grid: frame of the window; all arrays are (rows, cols) of it. ``row0``, ``col0``: its first cell in the map.
-        occupied: bool, obstacles as mapped.
-        known: bool, explored and not occupied.
+        occupied: bool, obstacles that a sensor measured.
+        known: bool, explored and not occupied, also not by an obstacle that is only estimated.
         clearance_m: float32, distance to the nearest obstacle as mapped.
         speed: float64, 0 where the robot's centre can't be, else in (0, 1].
         bumps: (n, 3) float64 x, y [m], yaw [rad]: places and headings from which a move was cut short.
@@ -91,18 +92,21 @@ def build_terrain(
     window = slice(row0, row1), slice(col0, col1)
     grid = Grid(maps.grid.origin_x_m + col0 * r, maps.grid.origin_y_m + row0 * r, r, row1 - row0, col1 - col0)
 
-    occupancy = (maps.occupancy[window] != 0).astype(np.uint8)
+    estimated = maps.occupancy[window] == ESTIMATED_OBSTACLE
+    occupancy = ((maps.occupancy[window] != 0) & ~estimated).astype(np.uint8)
     _paint(occupancy, grid, state.here.visited[-200:], 0.0, value=0)
     occupied, explored = occupancy != 0, maps.explored[window] != 0
     clearance = clearance_m(occupied, r)
     speed = _speed(clearance, explored, config)
+    if estimated.any():  # perhaps nothing is there: the robot drives around it if it can, and through it if it must
+        speed[clearance_m(estimated, r) < config.robot_radius_m] *= config.estimated_obstacle_speed
     speed[_blocked(clearance, grid, robot, state, config) | occupied] = 0.0
     here = grid.cells_of((robot.x_m, robot.y_m))
     if grid.contains(here):
         speed[here[0], here[1]] = max(speed[here[0], here[1]], config.wall_speed)
     bumps = np.reshape(np.array(state.here.bumps, dtype=np.float64), (-1, 3))
     revisit = _revisit_m(grid, state.here.visited[-_RECENT_STEPS:], config)
-    return Terrain(grid, row0, col0, occupied, explored & ~occupied, clearance, speed, bumps, revisit)
+    return Terrain(grid, row0, col0, occupied, explored & ~occupied & ~estimated, clearance, speed, bumps, revisit)
 
 
 #: How many of the last steps count as recent, and how many arrivals at a cell among them are free.
