@@ -22,7 +22,7 @@ _THUMBNAIL_QUALITY = 80
 class EncodedFrame:
     """One version of a view: ``payload`` is the encoded colour, then depth, as ``image`` and ``depth`` describe them.
 
-    ``captured_ns``, ``clock`` and ``depth_source`` are those of its ``Picture``.
+    ``captured_ns``, ``clock``, ``depth_source`` and ``depth_sigma`` are those of its ``Picture``.
     """
 
     version: int
@@ -32,6 +32,7 @@ class EncodedFrame:
     captured_ns: int = 0
     clock: CaptureClock = "arrival"
     depth_source: DepthSource = "sensor"
+    depth_sigma: float = 0.0
 
 
 class FrameEncoder:
@@ -59,7 +60,14 @@ class FrameEncoder:
         )
         self._cache.put(cache_key, view, self._recipe, [payload, msgspec.msgpack.encode((image, depth))])
         return EncodedFrame(
-            picture.version, payload, image, depth, picture.captured_ns, picture.clock, picture.depth_source
+            picture.version,
+            payload,
+            image,
+            depth,
+            picture.captured_ns,
+            picture.clock,
+            picture.depth_source,
+            picture.depth_sigma,
         )
 
     def thumbnail(self, view: int, requested_px: int) -> bytes:

@@ -51,10 +51,10 @@ class Rest:
         return mission if mission["state"] in FINISHED_STATES else None
 
 
-def camera_bytes(s: Any) -> int:
-    """Of pictures, offered by all cameras."""
+def camera_bytes(s: Any) -> dict[str, int]:
+    """Of pictures, by the key of each view that was sent."""
     rows = [row for c in s.building.plan.cameras for row in s.traffic("camera", c.name).rows]
-    return sum(row.n_bytes for row in rows if "/frame/" in row.key and row.direction == "offered")
+    return {row.key: row.n_bytes for row in rows if "/frame/" in row.key and row.direction == "offered"}
 
 
 @pytest.mark.slow
@@ -73,11 +73,12 @@ def test_a_samovar_is_found_and_then_what_else_the_pictures_show(home: Path, sys
     assert all(o["relevance"] < 0.6 for o in others if o["label"] != "samovar")
     # words that nobody looked for before: the cameras' pictures are looked at again, and none is sent again
     until(lambda: s.node.ask(MAP_REVISION, floor=robot.floor).message.pending_views == 0, timeout_s=60.0)
-    sent = camera_bytes(s)
+    sent = camera_bytes(s)  # a camera that is invoked for the first time later sends its own
+    assert sent
     for word in ("wardrobe", "bookcase"):
         assert not rest.get("/objects", label=word)["items"]
         mission = rest.find(word)
         assert (mission["state"], mission["found"]) == ("done", True), mission
         sources = {source for seen in rest.get("/objects", label=word)["items"] for source in seen["sources"]}
         assert any(source.startswith("camera/") for source in sources), f"only the robot saw a {word}"
-    assert camera_bytes(s) == sent
+    assert {key: n for key, n in camera_bytes(s).items() if key in sent} == sent

@@ -131,11 +131,11 @@ def test_what_cant_be_is_refused_with_what_to_do(running):
         return run.returncode, told.get("error") or told.get("state"), run.stderr
 
     running.search("bed", mission="one-robot")
+    assert surveilnav("missions", "pause", "one-rob")[:2] == (0, "paused")  # so that it can't end meanwhile
     code, error, said = surveilnav("find", "tv", "--robot", "r1")
     assert (code, error["name"], "r1" in said) == (1, "robot_busy", True)
     code, error, said = surveilnav("find", "tv", "--robot", "nobody")
     assert (code, error["name"], "nobody" in said) == (1, "unknown_robot", True)
-    assert surveilnav("missions", "pause", "one-rob")[:2] == (0, "paused")
     assert surveilnav("missions", "cancel", "one-robot")[:2] == (0, "cancelled")
     code, error, said = surveilnav("missions", "cancel", "one-robot")
     assert (code, error["name"]) == (1, "finished")

@@ -59,7 +59,7 @@ def test_installed_apart_from_the_checkout_it_plays_a_search(wheel: Path, tmp_pa
     listed = subprocess.run(script, cwd=tmp_path, capture_output=True, text=True, timeout=60, check=True)
     assert "grounding-dino-tiny" in listed.stdout
     play = [str(venv / "bin" / "python"), "-m", "surveilnav.benchmark.canary", "with cameras", "--workers", "1"]
-    run = subprocess.run(play, cwd=tmp_path, capture_output=True, text=True, timeout=200)
+    run = subprocess.run(play, cwd=tmp_path, capture_output=True, text=True, timeout=900)
     assert run.returncode == 0, run.stderr
     assert "the same" in run.stdout
     code = "import surveilnav.benchmark as b; print(b.__file__)"

@@ -42,7 +42,7 @@ class Picture:
         truth: which instance each pixel shows. Only simulated cameras know; None for a real one.
         captured_ns: time of capture [ns since 1970]; 0: it shows the present, whenever it is asked for.
         clock: how that time is known.
-        depth_source: where ``depth_m`` comes from.
+        depth_source: where ``depth_m`` comes from. ``depth_sigma``: see ``FrameHeader``.
     """
 
     version: int
@@ -52,6 +52,7 @@ class Picture:
     captured_ns: int = 0
     clock: CaptureClock = "arrival"
     depth_source: DepthSource = "sensor"
+    depth_sigma: float = 0.0
 
 
 class Source(Protocol):

@@ -158,6 +158,15 @@ class ValidationConfig(_Part):
         description="a robot whose altitude changes by more has used a stair or a lift, and may be anywhere",
     )
     max_sources: int = Field(default=100_000, ge=1, description="sources whose last view is remembered")
+    floor_share: float = Field(
+        default=0.1,
+        ge=0,
+        le=1,
+        description="a camera's view with a smaller share of points on its floor is searched for mistakes; 0: never",
+    )
+    corrected_floor_share: float = Field(
+        default=0.15, gt=0, le=1, description="... and refused if a mistake explains this share, and four times as much"
+    )
 
 
 class ViewOrderConfig(_Part):

@@ -22,6 +22,7 @@ from surveilnav.services.fusion.core.objects.object_map import ObjectMap
 from surveilnav.services.fusion.core.views.floor_fit import fit_floor
 from surveilnav.services.fusion.core.views.invocation import same_floor
 from surveilnav.services.fusion.core.views.order import KnownFloor, ViewFootprint, floor_utilities_m2, visible_ranges_m
+from surveilnav.services.fusion.core.views.plausibility import find_mistake
 from surveilnav.services.fusion.core.views.validation import ViewError, ViewValidator, check_view
 
 _MAX_NAMES = 256  # of floors, since a robot may send any name
@@ -99,6 +100,8 @@ class JointMap:
         self.validator.record_arrival(view, validation)
         if validation.fault is not None:
             raise validation.fault
+        if validation.is_new and (mistake := find_mistake(view, self.config.validation)):
+            raise ViewError("geometry_disagrees", mistake)
         corrected = self._corrected(view)
         geometry = self._add_geometry(corrected) if validation.is_new else None
         result = self.add_detections(corrected, perception, geometry)

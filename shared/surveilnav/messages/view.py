@@ -36,6 +36,7 @@ class FrameHeader(Message, frozen=True, kw_only=True):
         depth_range_m: (nearest, farthest) depth that it measures.
         clock: how the time of capture is known, which ``stamp_ns`` is.
         depth_source: where its depth comes from; "none": no pixel has one.
+        depth_sigma: of an estimated depth, the standard deviation of its logarithm, about that of its relative error.
     """
 
     source: str
@@ -50,3 +51,4 @@ class FrameHeader(Message, frozen=True, kw_only=True):
     depth: PayloadPart
     clock: CaptureClock = "arrival"
     depth_source: DepthSource = "sensor"
+    depth_sigma: float = 0.0

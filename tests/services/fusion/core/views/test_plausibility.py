@@ -1,0 +1,85 @@
+"""Mistakes in a camera's description are found by the floor that it must see, and named."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from surveilnav.geometry import Pinhole
+from surveilnav.services.fusion.core import JointMap
+from surveilnav.services.fusion.core.views.validation import ViewError
+
+LENS = Pinhole.from_hfov(200, 160, math.radians(100))
+
+
+@pytest.fixture
+def views(world):
+    world.boxes |= {"table": ((2.5, 1.0, 0.0), (3.3, 1.8, 0.75)), "cupboard": ((4.6, 3.4, 0.0), (5.6, 4.0, 1.8))}
+    return [
+        world.view(2.0, 2.0, k * math.tau / 6, -0.52, height=1.8, source="camera/c", camera=LENS, view=k)
+        for k in range(6)
+    ]
+
+
+def with_focal_length(view, factor):
+    c = view.camera
+    return replace(view, camera=Pinhole(c.width_px, c.height_px, c.fx_px * factor, c.fy_px * factor, c.cx_px, c.cy_px))
+
+
+def with_axes_turned(view):
+    T = view.T_world_camera.copy()
+    T[:3, 1:3] *= -1
+    return replace(view, T_world_camera=T)
+
+
+@pytest.mark.parametrize(
+    ("mistake", "named"),
+    [
+        (lambda view: with_focal_length(view, 0.5), "focal length is 2 times"),
+        (lambda view: with_focal_length(view, 2.0), "focal length is 0.5 times"),
+        (with_axes_turned, "axes"),
+        (lambda view: replace(view, depth_m=view.depth_m * 1000, depth_range_m=(100, 20000)), "millimetres"),
+        (lambda view: replace(view, depth_m=view.depth_m / 1000, depth_range_m=(0.0001, 1)), "divided by 1,000"),
+    ],
+)
+def test_a_mistake_is_named_and_leaves_no_trace(views, mistake, named):
+    joint = JointMap()
+    for view in views:
+        with pytest.raises(ViewError, match=named) as refused:
+            joint.accept(mistake(view), None)
+        assert refused.value.name == "geometry_disagrees"
+    assert joint.floors == {}
+
+
+def test_right_descriptions_are_believed(views):
+    joint = JointMap()
+    for view in views:
+        assert joint.accept(view, None) is not None
+
+
+def test_a_view_without_floor_is_believed(world):
+    joint = JointMap()
+    up = world.view(2.0, 2.0, 0.0, 0.7, height=1.8, source="camera/c", camera=LENS)
+    assert joint.accept(up, None) is not None
+    world.boxes["table"] = ((0.5, 0.5, 0.0), (5.5, 3.5, 0.75))
+    over_a_table = world.view(3.0, 2.0, 0.0, -1.2, height=2.4, source="camera/c", camera=LENS, view=1)
+    assert joint.accept(over_a_table, None) is not None
+
+
+def test_a_robot_is_not_judged_by_its_floor(views):
+    joint = JointMap()
+    robot = replace(with_focal_length(views[0], 0.5), source="robot/r", view=0)
+    assert joint.accept(robot, None) is not None
+
+
+def test_noise_of_depth_and_a_pose_that_is_off_by_three_degrees_are_believed(views):
+    rng, joint = np.random.default_rng(0), JointMap()
+    for view in views:
+        noisy = view.depth_m * (1 + rng.normal(0, 0.02, view.depth_m.shape)).astype(np.float32)
+        T = view.T_world_camera.copy()
+        a = math.radians(3)
+        T[:3, :3] = T[:3, :3] @ np.array([[1, 0, 0], [0, math.cos(a), -math.sin(a)], [0, math.sin(a), math.cos(a)]])
+        assert joint.accept(replace(view, depth_m=noisy, T_world_camera=T), None) is not None
