@@ -13,19 +13,22 @@ from surveilnav.errors import ConfigError
 _MAX_BYTES = 4 << 20
 
 
-def compose(path: Path, what: str) -> yaml.Node | None:
+def compose(path: Path, what: str, text: str | None = None) -> yaml.Node | None:
     """The root node of a file; None if the file is empty.
 
     Args:
         what: what the file is, for messages, such as "file of cameras".
+        text: what the file is going to hold; None: what it holds now.
 
     Raises:
         ConfigError: the file can't be read, is larger than 4 MiB or isn't YAML.
     """
     try:
-        if path.stat().st_size > _MAX_BYTES:
-            raise ConfigError(f"{path}: a {what} has at most {_MAX_BYTES >> 20} MiB")
-        return yaml.compose(path.read_text(encoding="utf-8"), yaml.SafeLoader)
+        if text is None:
+            if path.stat().st_size > _MAX_BYTES:
+                raise ConfigError(f"{path}: a {what} has at most {_MAX_BYTES >> 20} MiB")
+            text = path.read_text(encoding="utf-8")
+        return yaml.compose(text, yaml.SafeLoader)
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"the {what} can't be read: {error}") from error
     except (yaml.YAMLError, RecursionError) as error:

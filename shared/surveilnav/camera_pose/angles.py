@@ -13,8 +13,8 @@ _VERTICAL_RAD = 1e-4
 def yaw_pitch_roll(T_world_camera: Matrix4) -> tuple[float, float, float]:
     """Yaw, pitch and roll [rad] of ``T_world_camera`` (4, 4): the inverse of ``CameraEntry.pose``.
 
-    Yaw turns anticlockwise from +x, pitch is positive when it looks up, and roll turns the camera clockwise about its axis. A camera
-    that looks straight down has the yaw of its picture's top, and no roll.
+    Yaw turns anticlockwise from +x, pitch is positive when it looks up, and roll turns the camera clockwise about its
+    axis. A camera that looks straight down has the yaw of its picture's top, and no roll.
     """
     forward, up = T_world_camera[:3, 2], -T_world_camera[:3, 1]
     across = math.hypot(forward[0], forward[1])

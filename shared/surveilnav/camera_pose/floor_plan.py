@@ -1,7 +1,7 @@
 """A floor plan with its scale: which place of the building a pixel of its picture shows.
 
-The file is Nav2's ``map.yaml`` (``image``, ``resolution`` [m/px], ``origin`` [x, y, yaw] of the picture's lower left corner in the
-map's frame), or a file of our own with the same entries and ``floor``, the floor's id.
+The file is Nav2's ``map.yaml`` (``image``, ``resolution`` [m/px], ``origin`` [x, y, yaw] of the picture's lower left
+corner in the map's frame), or a file of our own with the same entries and ``floor``, the floor's id.
 Source: https://docs.nav2.org/configuration/packages/configuring-map-server.html
 """
 
@@ -116,7 +116,8 @@ def _sentence(error: ValidationError) -> str:
         "image": "the plan's picture, such as `image: ground.png`",
         "resolution": "the plan's scale: how many metres a pixel is wide, such as `resolution: 0.05`. To find it, divide the "
         "length of a wall in metres by its length in pixels",
-        "origin": "where the picture's lower left corner lies in the building, such as `origin: [-3.5, 0.0, 0.0]` (x, y [m], yaw)",
+        "origin": "where the picture's lower left corner lies in the building (x [m], y [m], yaw [rad]), such as "
+        "`origin: [-3.5, 0.0, 0.0]`",
     }
     arrived = "is missing" if first["type"] == "missing" else f"is {first['input']!r}, which doesn't fit"
     return f"{where} {arrived}: expected {expected.get(where, first['msg'])}"

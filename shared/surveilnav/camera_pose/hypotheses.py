@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterator
 from itertools import combinations
 from math import comb
@@ -28,8 +29,8 @@ _SEED = 20_250_101
 def poses_from(lens: Lens, seen: Observations) -> list[Matrix4]:
     """Candidates of ``T_world_camera`` that explain all points in the sense of least squares.
 
-    Solvers: SQPNP (Terzakis & Lourakis 2020); for points in one plane also IPPE (Collins & Bartoli 2014), which returns both poses of
-    the planar ambiguity; for three points P3P (Ding et al. 2023).
+    Solvers: SQPNP (Terzakis & Lourakis 2020); for points in one plane also IPPE (Collins & Bartoli 2014), which returns
+    both poses of the planar ambiguity; for three points P3P.
     """
     rays = lens.rays(seen.pixels)
     usable = rays[:, 2] > _MIN_RAY_Z
@@ -37,24 +38,27 @@ def poses_from(lens: Lens, seen: Observations) -> list[Matrix4]:
         return []
     p_world, xy = seen.p_world[usable], np.ascontiguousarray(rays[usable, :2] / rays[usable, 2:])
     centre = p_world.mean(axis=0)
-    if len(p_world) == 3:
-        solvers = [cv2.SOLVEPNP_P3P]
-    else:
-        solvers = [cv2.SOLVEPNP_SQPNP, *([cv2.SOLVEPNP_IPPE] if coplanarity_m(p_world) < 1e-3 else [])]
     found = []
-    for solver in solvers:
-        try:
-            _, rotations, translations, _ = cv2.solvePnPGeneric(p_world - centre, xy, np.eye(3), None, flags=solver)
-        except cv2.error:  # a degenerate sample
-            continue
-        for rotation, translation in zip(rotations, translations, strict=True):
-            T_camera_world = np.eye(4)
-            T_camera_world[:3, :3], T_camera_world[:3, 3] = cv2.Rodrigues(rotation)[0], translation[:, 0]
-            if np.isfinite(T_camera_world).all():
-                T_world_camera = inverse(T_camera_world)
-                T_world_camera[:3, 3] += centre
-                found.append(T_world_camera)
+    for rotation, translation in _solutions(p_world - centre, xy):
+        T_camera_world = np.eye(4)
+        T_camera_world[:3, :3], T_camera_world[:3, 3] = cv2.Rodrigues(rotation)[0], translation[:, 0]
+        if np.isfinite(T_camera_world).all():
+            T_world_camera = inverse(T_camera_world)
+            T_world_camera[:3, 3] += centre
+            found.append(T_world_camera)
     return found
+
+
+def _solutions(points: NDArray[np.float64], xy: NDArray[np.float64]) -> Iterator[tuple[NDArray, NDArray]]:
+    """Rotation vectors (3, 1) and translations (3, 1) of ``T_camera_world``, for points (n, 3) at ``xy`` (n, 2) at depth 1."""
+    K = np.eye(3)
+    with contextlib.suppress(cv2.error):  # a degenerate sample
+        if len(points) == 3:
+            yield from zip(*cv2.solveP3P(points, xy, K, None, flags=cv2.SOLVEPNP_P3P)[1:3], strict=True)
+            return
+        yield from zip(*cv2.solvePnPGeneric(points, xy, K, None, flags=cv2.SOLVEPNP_SQPNP)[1:3], strict=True)
+        if coplanarity_m(points) < 1e-3:
+            yield from zip(*cv2.solvePnPGeneric(points, xy, K, None, flags=cv2.SOLVEPNP_IPPE)[1:3], strict=True)
 
 
 def refined_on_all(lenses: list[Lens], seen: Observations, fit_focal: bool) -> list[Refined]:
@@ -67,7 +71,7 @@ def refined_on_all(lenses: list[Lens], seen: Observations, fit_focal: bool) -> l
 
 def refined_on_consensus(lenses: list[Lens], seen: Observations, fit_focal: bool) -> list[tuple[Refined, NDArray]]:
     """Poses that most points agree on, each with the (n,) bool of the points that it was refined on; best first."""
-    rough = []
+    rough: list[tuple[float, int, Lens, Matrix4]] = []
     for sample in _samples(len(seen)):
         for lens in lenses:
             for T in poses_from(lens, seen[sample]):

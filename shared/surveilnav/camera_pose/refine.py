@@ -1,8 +1,9 @@
 """Refines a camera's pose until the points lie where they were clicked: weighted least squares by Levenberg-Marquardt.
 
-Two things are uncertain: where in the picture somebody clicked, and where in the building the point is. The second counts in pixels as
-much as the point is near. So each point is weighted by the covariance of its pixel, ``S = sigma_px^2 I + J diag(variance) J^T`` with the
-derivative J of the pixel by the point (Hartley & Zisserman 2004, 5.2), and the pose's covariance follows from those of the points.
+Two things are uncertain: where in the picture somebody clicked, and where in the building the point is. The nearer the
+point, the more pixels the second one makes. So each point is weighted by the covariance of its pixel,
+``S = sigma_px^2 I + J diag(variance) J^T`` with the derivative J of the pixel by the point (Hartley & Zisserman 2004, 5.2).
+The pose's covariance follows from those of the points.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ _Array = NDArray[np.float64]
 _MAX_STEPS = 40
 _STEP_SHARE = 1e-6  # of a point's distance, for derivatives of the lens
 _MIN_VARIANCE = 1e-12
+_CONVERGED = 1e-7  # m and rad
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +45,7 @@ class Observations:
         return len(self.pixels)
 
     def __getitem__(self, chosen: NDArray) -> Observations:
+        """Some of the points, by index or by mask."""
         return replace(
             self, pixels=self.pixels[chosen], p_world=self.p_world[chosen], variance_m2=self.variance_m2[chosen]
         )
@@ -54,8 +57,8 @@ class Linearised:
 
     Attributes:
         residuals_px: (n, 2), clicked minus predicted; NaN where the camera can't see the point.
-        J: (n, 2, 7), derivative of the predicted pixel by position [m], rotation [rad] (both in the world's axes) and the logarithm
-            of the focal length.
+        J: (n, 2, 7), derivative of the predicted pixel by position [m] and rotation [rad], both in the world's axes, and by the
+            logarithm of the focal length.
         S: (n, 2, 2), covariance of the residuals.
     """
 
@@ -65,7 +68,7 @@ class Linearised:
 
     def squared_distances(self) -> _Array:
         """(n,): squared Mahalanobis distance of each point; infinite where the camera can't see it."""
-        seen = np.isfinite(self.residuals_px).all(axis=1) & np.isfinite(self.S).all(axis=(1, 2))
+        seen = np.asarray(np.isfinite(self.residuals_px).all(axis=1) & np.isfinite(self.S).all(axis=(1, 2)))
         d2 = np.full(len(seen), np.inf)
         r = self.residuals_px[seen]
         d2[seen] = np.einsum("ni,ni->n", r, np.linalg.solve(self.S[seen], r[..., None])[..., 0])
@@ -122,16 +125,16 @@ def refine(lens: Lens, T_world_camera: Matrix4, seen: Observations, fit_focal: b
         new = linearise(new_lens, new_T, seen)
         if not (np.isfinite(new.squared_distances()).all() and _cost(new.residuals_px, weights) <= cost):
             damping *= 10.0
-            if damping > 1e9:
+            if damping > 1e9 or np.abs(change).max() < _CONVERGED:
                 break
             continue
         lens, T, at, damping = new_lens, new_T, new, damping * 0.2
-        if np.abs(change).max() < 1e-9:
+        if np.abs(change).max() < _CONVERGED:
             break
     return Refined(T, lens, _covariance(at, n), at.squared_distances())
 
 
-def _cost(residuals_px: _Array, weights: _Array) -> float:
+def _cost(residuals_px: _Array, weights: NDArray[np.floating]) -> float:
     return float(np.einsum("ni,nij,nj->", residuals_px, weights, residuals_px))
 
 

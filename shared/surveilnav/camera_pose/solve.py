@@ -13,7 +13,7 @@ from surveilnav.camera_pose.hypotheses import AGREES_D2, coplanarity_m, refined_
 from surveilnav.camera_pose.refine import Observations, Refined, linearise, with_focal
 from surveilnav.errors import PoseError
 from surveilnav.geometry import Matrix4, Pinhole
-from surveilnav.geometry.lens import BrownConrady, KannalaBrandt, Lens
+from surveilnav.geometry.lens import BrownConrady, Lens
 
 MIN_POINTS = 4
 #: A wrong click can be told from the others only if this many remain.
@@ -39,7 +39,7 @@ class PoseFit:
 
     Attributes:
         T_world_camera: (4, 4), OpenCV axes.
-        covariance: (6, 6) of the position [m] and of a small rotation [rad] about the world's axes, which stands left of the pose's.
+        covariance: (6, 6) of the position [m] and of a small rotation [rad] about the world's axes.
             Larger than the clicks' assumed errors imply if their residuals are.
         residuals_px: (n, 2), clicked minus predicted pixel; NaN where the camera can't see the point.
         residuals_m: (n,), distance between the point and the ray of its pixel.
@@ -140,8 +140,8 @@ def _require_spread(lens: Lens, pixels: NDArray, places: NDArray, fit_hfov: bool
                 f"point {number} at ({pixel[0]:g}, {pixel[1]:g}) lies outside the picture of {size[0]} x {size[1]} pixels; "
                 "click in a picture of the size that the camera's lens has in the file of cameras"
             )
-    for number in np.nonzero(np.isnan(lens.rays(pixels)).any(axis=1))[0] + 1:
-        raise PoseError(f"point {number} lies where the lens sees nothing; check the lens, or leave the point out")
+    for i in np.nonzero(np.isnan(lens.rays(pixels)).any(axis=1))[0]:
+        raise PoseError(f"point {i + 1} lies where the lens sees nothing; check the lens, or leave the point out")
     extents = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)
     if extents[1] < _MIN_WIDTH_SHARE * max(extents[0], 1e-9):
         raise PoseError(
@@ -241,10 +241,10 @@ def _result(chosen: _Candidate, seen: Observations, origin: NDArray[np.float64])
     covariance = fit.covariance * inflation
     T_world_camera = fit.T_world_camera.copy()
     T_world_camera[:3, 3] += origin
-    hfov_rad = horizontal_fov(fit.lens)
+    hfov_rad = fit.lens.hfov_rad
     sigma_rad = 0.0
     if n_params == 7:  # by the logarithm of the focal length
-        sigma_rad = abs(horizontal_fov(with_focal(fit.lens, 1.001)) - hfov_rad) / 0.001 * math.sqrt(covariance[6, 6])
+        sigma_rad = abs(with_focal(fit.lens, 1.001).hfov_rad - hfov_rad) / 0.001 * math.sqrt(covariance[6, 6])
     return PoseFit(
         T_world_camera,
         covariance[:6, :6],
@@ -281,12 +281,3 @@ def _ray_distances(lens: Lens, T_world_camera: Matrix4, seen: Observations) -> N
     offset = seen.p_world - T_world_camera[:3, 3]
     along = np.maximum(0.0, np.einsum("ni,ni->n", offset, rays_world))
     return np.asarray(np.linalg.norm(offset - along[:, None] * rays_world, axis=1))
-
-
-def horizontal_fov(lens: Lens) -> float:
-    """The horizontal field of view [rad]; of an ordinary lens as if it had no distortion, as in cameras.yaml."""
-    if not isinstance(lens, KannalaBrandt):
-        return lens.pinhole.hfov_rad
-    edge = np.array([lens.pinhole.cx_px + lens.pinhole.width_px / 2, lens.pinhole.cy_px])
-    ray = lens.rays(edge)
-    return 2.0 * math.atan2(ray[0], ray[2])

@@ -45,13 +45,16 @@ class CamerasFile:
     problems: tuple[Problem, ...] = ()
 
 
-def load_cameras(path: Path) -> CamerasFile:
+def load_cameras(path: Path, text: str | None = None) -> CamerasFile:
     """Reads a file of cameras.
+
+    Args:
+        text: what the file is going to hold; None: what it holds now.
 
     Raises:
         ConfigError: nothing in it can be used: it can't be read, isn't YAML, or its table of floors is wrong.
     """
-    root = compose(path, "file of cameras")
+    root = compose(path, "file of cameras", text)
     if not isinstance(root, yaml.MappingNode):
         raise ConfigError(f"{path}: expected a table with {', '.join(_TOP)}; the file is empty or something else")
     parts = {key.value: value for key, value in root.value}

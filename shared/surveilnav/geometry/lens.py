@@ -73,6 +73,11 @@ class BrownConrady:
             rays[..., 1] += _STEP * (off[..., 1] * du[..., 0] - off[..., 0] * du[..., 1]) / det
         return np.asarray(rays / np.linalg.norm(rays, axis=-1, keepdims=True))
 
+    @property
+    def hfov_rad(self) -> float:
+        """The horizontal field of view that the lens would have without its distortion."""
+        return self.pinhole.hfov_rad
+
     @cached_property
     def _max_radius(self) -> float:
         """The undistorted radius up to which the distorted one grows; beyond it, a polynomial folds back into the picture."""
@@ -123,6 +128,15 @@ class KannalaBrandt:
         with np.errstate(divide="ignore", invalid="ignore"):
             scale = np.where(across > 0, np.sin(angle) / across, 1.0)
         return np.stack([xd * scale, yd * scale, np.cos(angle)], axis=-1)
+
+    @property
+    def hfov_rad(self) -> float:
+        """The horizontal field of view of a picture whose principal point is in the middle; at most a full circle."""
+        theta = np.linspace(0.0, math.pi, _SAMPLES)
+        edge = np.array(self.pinhole.width_px / (2 * self.pinhole.fx_px))
+        return 2.0 * min(
+            math.pi, float(np.nan_to_num(_undistorted_radius(edge, theta, self._distorted(theta)), nan=math.pi))
+        )
 
     def _distorted(self, theta: NDArray[np.float64]) -> NDArray[np.float64]:
         k1, k2, k3, k4 = _padded(self.distortion, 4)
@@ -216,7 +230,7 @@ def _undistorted_radius(
     """
     grows = np.concatenate([[True], np.diff(distorted_samples) > 0])
     grows = np.logical_and.accumulate(grows)
-    return np.interp(distorted, distorted_samples[grows], samples[grows], right=np.nan)
+    return np.asarray(np.interp(distorted, distorted_samples[grows], samples[grows], right=np.nan))
 
 
 def _pixels_per_pixel(uv: NDArray[np.float64]) -> int:
