@@ -71,11 +71,18 @@ class PoseFit:
 
 @dataclass(frozen=True, eq=False)
 class _Candidate:
-    """A local minimum with the points that it was refined on, and how well it explains all points (less is better)."""
+    """A local minimum.
+
+    Attributes:
+        agree: (n,) bool, the points that it was refined on.
+        score: how badly it explains all points.
+        sound: whether it explains the points that it was refined on, and these are enough to outvote the others.
+    """
 
     fit: Refined
     agree: NDArray[np.bool_]
     score: float
+    sound: bool
     above_floor: bool
 
 
@@ -114,7 +121,7 @@ def solve_pose(
     origin = places.mean(axis=0)  # a building's coordinates may be large, such as those of a map grid
     seen = Observations(pixels, places - origin, sigma_px, variance)
     candidates = _candidates(lens, seen, fit_hfov, floor_z_m - origin[2])
-    chosen = _chosen(candidates, seen, fit_hfov, floor_z_m - origin[2])
+    chosen = _chosen(candidates, seen, floor_z_m - origin[2])
     result = _result(chosen, seen, origin)
     _require_determined(result, pixels, chosen, candidates)
     return result
@@ -158,57 +165,51 @@ def _require_spread(lens: Lens, pixels: NDArray, places: NDArray, fit_hfov: bool
 
 
 def _candidates(lens: Lens, seen: Observations, fit_hfov: bool, floor_z_m: float) -> list[_Candidate]:
-    """Minima from all points; if none of them explains the points, also those that most of the points agree on."""
+    """Minima from all points; if none of them explains the points, also those that most of the points agree on. Best first."""
     lenses = [with_focal(lens, float(factor)) for factor in _FOCAL_FACTORS] if fit_hfov else [lens]
     everyone = np.ones(len(seen), bool)
     found = [_candidate(fit, everyone, seen, floor_z_m) for fit in refined_on_all(lenses, seen, fit_hfov)]
-    if len(seen) > MIN_POINTS and not any(_explains_all(c, fit_hfov) for c in found):
+    if len(seen) > MIN_POINTS and not any(c.sound and c.above_floor and _is_probable(c.fit) for c in found):
         some = refined_on_consensus(lenses, seen, fit_hfov)
         found += [_candidate(fit, agree, seen, floor_z_m) for fit, agree in some]
-    return sorted(found, key=lambda c: c.score)
+    return sorted(found, key=lambda c: (not c.sound, c.score))
 
 
 def _candidate(fit: Refined, agree: NDArray[np.bool_], seen: Observations, floor_z_m: float) -> _Candidate:
     d2 = linearise(fit.lens, fit.T_world_camera, seen).squared_distances()
     upright = -fit.T_world_camera[2, 1] > -math.sin(_MAX_UPRIGHT_TILT_RAD)
     score = float(np.minimum(d2, 4 * AGREES_D2).sum()) + (0.0 if upright else _UPSIDE_DOWN_D2)
-    return _Candidate(fit, agree, score, bool(fit.T_world_camera[2, 3] > floor_z_m))
+    n = len(seen)
+    enough = agree.all() or agree.sum() >= max(_MIN_AGREEING, _MIN_AGREEING_SHARE * n)
+    # Many small errors are no contradiction but enlarge the covariance. Four points have nothing to tell the two apart by.
+    sound = bool(enough and (fit.d2 < AGREES_D2).all() and (n > MIN_POINTS or _is_probable(fit)))
+    return _Candidate(fit, agree, score, sound, bool(fit.T_world_camera[2, 3] > floor_z_m))
 
 
-def _explains_all(candidate: _Candidate, fit_hfov: bool) -> bool:
-    d2 = candidate.fit.d2
-    if not (candidate.above_floor and candidate.agree.all() and (d2 < AGREES_D2).all()):
-        return False
-    return bool(d2.sum() <= _chi2_limit(2 * len(d2) - (7 if fit_hfov else 6)))
+def _is_probable(fit: Refined) -> bool:
+    """Whether the squared distances are no larger than good clicks make them in 999 of 1000 cases (Wilson & Hilferty 1931)."""
+    dof = 2 * len(fit.d2) - len(fit.covariance)
+    return bool(fit.d2.sum() <= dof * (1 - 2 / (9 * dof) + 3.09 * math.sqrt(2 / (9 * dof))) ** 3)
 
 
-def _chi2_limit(dof: int) -> float:
-    """Which a sum of ``dof`` squared standard normal variables exceeds in 1 of 1000 cases (Wilson & Hilferty 1931)."""
-    return float(dof * (1 - 2 / (9 * dof) + 3.09 * math.sqrt(2 / (9 * dof))) ** 3)
-
-
-def _chosen(candidates: list[_Candidate], seen: Observations, fit_hfov: bool, floor_z_m: float) -> _Candidate:
+def _chosen(candidates: list[_Candidate], seen: Observations, floor_z_m: float) -> _Candidate:
     if not candidates:
         raise PoseError(
             "no pose shows these points at these pixels: check the order of the points, and whether the lens has the right "
             "model and field of view"
         )
     best = candidates[0]
-    if not best.above_floor and (best.agree.all() or best.agree.sum() >= _MIN_AGREEING):
+    if best.sound and not best.above_floor:
+        twins = [c for c in candidates if c.sound and c.above_floor and c.score < best.score + _AS_GOOD_D2]
+        if twins:
+            return twins[0]
         below_m = floor_z_m - best.fit.T_world_camera[2, 3]
         raise PoseError(
             f"the points fit only a camera {below_m:.1f} m below the floor. Usually the plan's y axis points down where "
             "it should point up, left and right are swapped in the clicks, or heights are of another floor"
         )
-    above = [c for c in candidates if c.above_floor]
-    best = above[0] if above else best
-    n, agreeing = len(seen), int(best.agree.sum())
-    if best.agree.all() and not (above and _explains_all(best, fit_hfov)):
-        if n > MIN_POINTS and (best.fit.d2 < AGREES_D2).all():
-            return best  # many small errors: the residuals enlarge the covariance
-        raise PoseError(_contradiction(best, seen))
-    if agreeing < n and agreeing < max(_MIN_AGREEING, math.ceil(_MIN_AGREEING_SHARE * n)):
-        raise PoseError(_contradiction(best, seen))
+    if not best.sound:
+        raise PoseError(_contradiction(next((c for c in candidates if c.above_floor), best), seen))
     return best
 
 
@@ -263,7 +264,7 @@ def _require_determined(result: PoseFit, pixels: NDArray, chosen: _Candidate, ca
         pinhole = result.lens.pinhole
         share = cv2.contourArea(cv2.convexHull(pixels.astype(np.float32))) / (pinhole.width_px * pinhole.height_px)
         raise PoseError(
-            f"the points leave the camera's position uncertain by ±{sigma_m:.1f} m: they cover {100 * share:.0f} % of the "
+            f"the points leave the camera's position uncertain by ±{sigma_m:.1f} m: they cover {100 * share:.1f} % of the "
             "picture. Add points that are far apart in the picture, near and far, and at different heights"
         )
     for other in candidates:
