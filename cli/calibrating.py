@@ -43,7 +43,11 @@ class Calibrated:
         """What the file of cameras should say, by entry."""
         angles = [math.degrees(a) for a in yaw_pitch_roll(self.fit.T_world_camera)]
         values = {"position_m": "[" + ", ".join(f"{x:.3f}" for x in self.fit.T_world_camera[:3, 3]) + "]"}
-        values |= {name: f"{a:.2f}" for name, a in zip(("yaw_deg", "pitch_deg", "roll_deg"), angles, strict=True)}
+        # + 0.0 makes 0 of -0
+        values |= {
+            name: f"{round(a, 2) + 0.0:.2f}"
+            for name, a in zip(("yaw_deg", "pitch_deg", "roll_deg"), angles, strict=True)
+        }
         if self.fitted_hfov:
             values["lens.hfov_deg"] = f"{math.degrees(self.fit.hfov_rad):.2f}"
         return values
