@@ -6,10 +6,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from surveilnav.camera_pose import solve_pose
+from surveilnav.camera_pose import solve, solve_pose
 from surveilnav.camera_pose.angles import yaw_pitch_roll
 from surveilnav.errors import PoseError
-from surveilnav.geometry import Pinhole, camera_pose
+from surveilnav.geometry import Matrix4, Pinhole, camera_pose
 from surveilnav.geometry.lens import BrownConrady, KannalaBrandt, Lens
 from tests.clicked_points import LENS, T_WORLD_CAMERA, Scene, pose_error, scene
 
@@ -104,12 +104,31 @@ def test_an_upside_down_camera_is_found_if_the_clicks_say_so() -> None:
     assert abs(math.degrees(yaw_pitch_roll(fit.T_world_camera)[2])) == pytest.approx(180)
 
 
-@pytest.mark.parametrize("seed", range(5))
-def test_of_the_two_poses_that_four_points_on_the_floor_allow_it_is_the_upright_one(seed: int) -> None:
+def _telephoto(seed: int) -> tuple[BrownConrady, Matrix4, Scene]:
+    """A lens of 24 degrees that sees four points of a small part of the floor: hardly any perspective tells where it hangs."""
+    lens, T = (
+        BrownConrady(Pinhole(1280, 960, 3000.0, 3000.0, 639.5, 479.5)),
+        camera_pose((0, 0, 2.5), 0, math.radians(-50)),
+    )
     rng = np.random.default_rng(seed)
-    clicked = scene(rng, 4, False, margin_px=60).with_errors(rng, 0.5, 0.005)
-    fit = solve_pose(LENS, clicked.pixels, clicked.p_world, 0.5, 0.005)
-    assert np.linalg.norm(pose_error(fit.T_world_camera, T_WORLD_CAMERA)[:3]) < 4 * fit.position_sigma_m
+    p_world = np.array([[2.1 + x, y, 0.0] for x in (-0.12, 0.12) for y in (-0.12, 0.12)])
+    p_world[:, :2] += rng.uniform(-0.03, 0.03, (4, 3))[:, :2]
+    seen = Scene(lens.pixels((p_world - T[:3, 3]) @ T[:3, :3]), p_world)
+    return lens, T, seen.with_errors(rng, 4.0, 0.001)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_of_the_two_poses_that_points_of_a_plane_allow_it_is_the_upright_one(seed: int) -> None:
+    lens, T, clicked = _telephoto(seed)
+    fit = solve_pose(lens, clicked.pixels, clicked.p_world, 4.0, 0.001)
+    assert np.linalg.norm(pose_error(fit.T_world_camera, T)[:3]) < 0.4
+
+
+def test_two_poses_that_explain_the_points_equally_well_are_no_pose(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(solve, "_UPSIDE_DOWN_D2", 0.0)  # as if cameras hung either way
+    lens, _, clicked = _telephoto(1)
+    with pytest.raises(PoseError, match=r"two poses \d\.\d m apart.*top of a door"):
+        solve_pose(lens, clicked.pixels, clicked.p_world, 4.0, 0.001)
 
 
 @pytest.mark.parametrize("factor", [0.8, 1.25])
