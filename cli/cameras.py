@@ -14,6 +14,7 @@ from surveilnav.cli.options import (
     DEFAULT_URL,
     AsJson,
     Url,
+    console,
     gateway,
     items,
     only_before_nothing,
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
 
 app = typer.Typer(
     invoke_without_command=True,
-    help="List cameras; pause, resume or remove one; delete past pictures; check a file of real cameras.",
+    help="List cameras; pause, resume or remove one; delete past pictures; check and calibrate real cameras.",
 )
 
 
@@ -114,6 +115,50 @@ def schema() -> None:
     from surveilnav.cameras_file.model import FileModel
 
     print(json.dumps(FileModel.model_json_schema(), indent=2))
+
+
+@app.command()
+@needs("services")
+def calibrate(
+    camera: Annotated[str, typer.Argument(metavar="CAMERA", help="The camera's name in the file of cameras.")],
+    clicks: Annotated[
+        Path,
+        typer.Option(metavar="FILE", help="Points in its picture whose places are known (docs/use/calibration.md)."),
+    ],
+    file: Annotated[Path, typer.Option(metavar="FILE", help="The file of cameras.")] = Path("cameras.yaml"),
+    overlay: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Draw plan and points into a picture of the camera: .jpg or .png."),
+    ] = None,
+    picture: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="The picture for --overlay; default: one from the camera's stream."),
+    ] = None,
+    fit_hfov: Annotated[
+        bool, typer.Option("--fit-hfov", help="Fit the horizontal field of view, too: six points, some off the floor.")
+    ] = False,
+    write: Annotated[
+        bool, typer.Option("--write", help="Write the pose into the file of cameras; comments stay.")
+    ] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Find a camera's position and direction from points that were clicked in its picture, and say how certain they are."""
+    from surveilnav.cameras_file.edit import write_camera  # loads NumPy and OpenCV
+    from surveilnav.cli import calibrating
+
+    if picture is not None and overlay is None:
+        raise typer.BadParameter("--picture is what --overlay draws into: add --overlay out.jpg")
+    made = calibrating.calibrate_camera(camera, clicks, file, fit_hfov)
+    if not as_json:
+        calibrating.show(made, results)
+    if overlay is not None:
+        calibrating.write_overlay(made, overlay, picture, file)
+        console.print(f"{overlay}: written", markup=False, soft_wrap=True)
+    if write:
+        write_camera(file, camera, made.yaml_values())
+        console.print(f"{file}: {camera} has its new place", markup=False, soft_wrap=True)
+    if as_json:
+        print_json(calibrating.as_json(made, write))
 
 
 @app.command("delete-pictures")

@@ -5,6 +5,7 @@
     │   └── AssetError              furniture or example homes can't be found or downloaded
     ├── TargetError                 a target that can't be searched for
     ├── ConfigError                 a setting is wrong or missing
+    ├── PoseError                   a camera's pose can't be found from the given points
     ├── MissingExtraError           a command needs packages that this installation lacks
     ├── PerceptionError             a perception backend can't run or answer
     ├── WireError                   received data that is no message of the contract
@@ -41,6 +42,10 @@ class TargetError(SurveilNavError):
 
 class ConfigError(SurveilNavError):
     """A setting is wrong or missing."""
+
+
+class PoseError(SurveilNavError):
+    """A camera's pose can't be found from the given points; the text says which points to add or to correct."""
 
 
 class MissingExtraError(SurveilNavError):

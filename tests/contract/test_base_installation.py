@@ -59,6 +59,7 @@ NEEDING = {
     "models pull": ("services", ["models", "pull", "yolox-nano"]),
     "models check": ("services", ["models", "check"]),
     "cameras check": ("services", ["cameras", "check", "cameras.yaml"]),
+    "cameras calibrate": ("services", ["cameras", "calibrate", "lobby", "--clicks", "clicks.yaml"]),
     "cameras schema": ("services", ["cameras", "schema"]),
     "dataset build": ("bench", ["dataset", "build"]),
     "dataset check": ("bench", ["dataset", "check"]),

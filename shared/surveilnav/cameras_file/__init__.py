@@ -2,6 +2,7 @@
 
 model   what the file may say, as Pydantic models; their JSON schema is published
 load    reads a file and names every mistake at its line; a mistake in one camera leaves the others usable
+edit    writes single values into a file, and leaves its comments and all other lines as they are
 urls    addresses of streams: passwords from the environment, and how an address is shown to people
 views   the pinhole views that are made of a camera's picture
 """

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -13,8 +12,8 @@ from pydantic import TypeAdapter, ValidationError
 from surveilnav.cameras_file.model import CameraEntry, FloorEntry
 from surveilnav.contract import ID_PATTERN
 from surveilnav.errors import ConfigError
+from surveilnav.yaml_file import compose, line_of, plain
 
-_MAX_BYTES = 4 << 20
 _TOP = ("building", "floors", "cameras")
 _FLOORS = TypeAdapter(dict[str, FloorEntry])
 
@@ -46,13 +45,16 @@ class CamerasFile:
     problems: tuple[Problem, ...] = ()
 
 
-def load_cameras(path: Path) -> CamerasFile:
+def load_cameras(path: Path, text: str | None = None) -> CamerasFile:
     """Reads a file of cameras.
+
+    Args:
+        text: what the file is going to hold; None: what it holds now.
 
     Raises:
         ConfigError: nothing in it can be used: it can't be read, isn't YAML, or its table of floors is wrong.
     """
-    root = _compose(path)
+    root = compose(path, "file of cameras", text)
     if not isinstance(root, yaml.MappingNode):
         raise ConfigError(f"{path}: expected a table with {', '.join(_TOP)}; the file is empty or something else")
     parts = {key.value: value for key, value in root.value}
@@ -62,7 +64,7 @@ def load_cameras(path: Path) -> CamerasFile:
         if key.value not in _TOP
     ]
     floors = _floors(path, parts.get("floors"))
-    building = _plain(parts["building"]) if "building" in parts else ""
+    building = plain(parts["building"]) if "building" in parts else ""
     cameras: dict[str, CameraEntry] = {}
     listed = parts.get("cameras")
     if not isinstance(listed, yaml.SequenceNode):
@@ -82,36 +84,6 @@ def load_cameras(path: Path) -> CamerasFile:
     return CamerasFile(path, str(building or ""), floors, cameras, tuple(sorted(problems, key=lambda p: p.line)))
 
 
-def _compose(path: Path) -> yaml.Node | None:
-    try:
-        if path.stat().st_size > _MAX_BYTES:
-            raise ConfigError(f"{path}: a file of cameras has at most {_MAX_BYTES >> 20} MiB")
-        return yaml.compose(path.read_text(encoding="utf-8"), yaml.SafeLoader)
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"the file of cameras can't be read: {error}") from error
-    except (yaml.YAMLError, RecursionError) as error:
-        mark = getattr(error, "problem_mark", None)
-        where = f", line {mark.line + 1}" if mark else ""
-        raise ConfigError(f"{path}{where}: isn't YAML: {getattr(error, 'problem', None) or error}") from error
-
-
-def _plain(node: yaml.Node) -> Any:
-    """The value of a node. ValueError: it has a key twice, or a value that its tag doesn't allow."""
-    if isinstance(node, yaml.MappingNode):
-        value: dict[str, Any] = {}
-        for key, child in node.value:
-            if key.value in value:
-                raise ValueError(f"line {key.start_mark.line + 1}: {key.value!r} stands there twice")
-            value[key.value] = _plain(child)
-        return value
-    if isinstance(node, yaml.SequenceNode):
-        return [_plain(child) for child in node.value]
-    try:
-        return yaml.SafeLoader("").construct_object(node)
-    except yaml.YAMLError as error:
-        raise ValueError(f"line {node.start_mark.line + 1}: {getattr(error, 'problem', error)}") from None
-
-
 def _name(node: yaml.Node) -> str:
     if isinstance(node, yaml.MappingNode):
         for key, value in node.value:
@@ -124,10 +96,10 @@ def _floors(path: Path, node: yaml.Node | None) -> dict[str, FloorEntry]:
     if node is None:
         raise ConfigError(f"{path}: expected `floors:` with the altitude of each floor, such as `ground: {{z_m: 0.0}}`")
     try:
-        floors = _FLOORS.validate_python(_plain(node))
+        floors = _FLOORS.validate_python(plain(node))
     except ValidationError as error:
         first = error.errors()[0]
-        line = _line_of(node, first["loc"])
+        line = line_of(node, first["loc"])
         raise ConfigError(f"{path}, line {line}: floors: {_sentence(first)}") from None
     except ValueError as error:
         raise ConfigError(f"{path}: floors: {error}") from None
@@ -137,15 +109,15 @@ def _floors(path: Path, node: yaml.Node | None) -> dict[str, FloorEntry]:
 def _camera(node: yaml.Node, floors: dict[str, FloorEntry]) -> CameraEntry | list[Problem]:
     name, line = _name(node), node.start_mark.line + 1
     try:
-        entry = CameraEntry.model_validate(_plain(node))
+        entry = CameraEntry.model_validate(plain(node))
     except ValidationError as error:
-        return [Problem(_line_of(node, e["loc"]), name, _sentence(e)) for e in error.errors()]
+        return [Problem(line_of(node, e["loc"]), name, _sentence(e)) for e in error.errors()]
     except ValueError as error:
         return [Problem(line, name, str(error))]
     if entry.floor not in floors:
         known = ", ".join(floors)
         return [
-            Problem(_line_of(node, ("floor",)), name, f"floor: there is no floor {entry.floor!r}; there are {known}")
+            Problem(line_of(node, ("floor",)), name, f"floor: there is no floor {entry.floor!r}; there are {known}")
         ]
     height_m = entry.position_m[2] - floors[entry.floor].z_m
     if not 0.2 <= height_m <= 30.0:
@@ -153,7 +125,7 @@ def _camera(node: yaml.Node, floors: dict[str, FloorEntry]) -> CameraEntry | lis
             f"position_m: the camera is {height_m:.2f} m above its floor; expected 0.2 to 30 m. "
             "z is measured in the building's frame, as z_m of the floor is"
         )
-        return [Problem(_line_of(node, ("position_m",)), name, message)]
+        return [Problem(line_of(node, ("position_m",)), name, message)]
     return entry
 
 
@@ -164,20 +136,3 @@ def _sentence(error: Any) -> str:
         return f"name: expected letters, digits, '_', '.', '-' ({ID_PATTERN}); other writing belongs to `label`"
     message = str(error["msg"]).removeprefix("Value error, ")
     return f"{where}: {message}" if where else message
-
-
-def _line_of(node: yaml.Node, path: Sequence[int | str]) -> int:
-    """The line of the entry at a path; that of the nearest entry around it if there is none."""
-    line: int = node.start_mark.line + 1
-    for part in path:
-        if isinstance(node, yaml.MappingNode):
-            child = next(((k, v) for k, v in node.value if k.value == part), None)
-            if child is None:
-                break
-            line, node = child[0].start_mark.line + 1, child[1]
-        elif isinstance(node, yaml.SequenceNode) and isinstance(part, int) and part < len(node.value):
-            node = node.value[part]
-            line = node.start_mark.line + 1
-        else:
-            break
-    return line

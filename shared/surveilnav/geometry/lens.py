@@ -23,7 +23,10 @@ from numpy.typing import NDArray
 
 from surveilnav.geometry.camera import Pinhole
 
-_SAMPLES = 4096  # of the radius or angle, to find up to where a distortion grows
+_SAMPLES = 4096  # of the radius or angle, to find up to where a distortion grows, and to invert it
+_NEWTON_STEPS = 3  # from a radial solution, which is a few pixels off
+_STEP = 1e-6  # of numerical derivatives, on the plane at depth 1
+_STEPS = np.array([[_STEP, 0.0, 0.0], [0.0, _STEP, 0.0]])
 
 
 @dataclass(frozen=True)
@@ -54,6 +57,26 @@ class BrownConrady:
             yd = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
         seen = (z > 0) & (r2 <= self._max_radius**2)
         return _to_pixels(xd, yd, seen, self.pinhole)
+
+    def rays(self, pixels: NDArray[np.floating]) -> NDArray[np.float64]:
+        """The directions (..., 3), of length 1, that the pixels (..., 2) show; NaN where the lens sees nothing."""
+        xd, yd = _from_pixels(pixels, self.pinhole)
+        r = np.linspace(0.0, self._max_radius, _SAMPLES)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            scale = _undistorted_radius(np.hypot(xd, yd), r, r * self._radial(r * r)) / np.hypot(xd, yd)
+        scale = np.where(np.hypot(xd, yd) > 0, scale, 1.0)
+        rays = np.stack([xd * scale, yd * scale, np.ones_like(xd)], axis=-1)
+        for _ in range(_NEWTON_STEPS if any(self.distortion[2:4]) else 0):  # the tangential part
+            du, dv = (self.pixels(rays + step) - self.pixels(rays) for step in _STEPS)
+            off, det = pixels - self.pixels(rays), du[..., 0] * dv[..., 1] - du[..., 1] * dv[..., 0]
+            rays[..., 0] += _STEP * (off[..., 0] * dv[..., 1] - off[..., 1] * dv[..., 0]) / det
+            rays[..., 1] += _STEP * (off[..., 1] * du[..., 0] - off[..., 0] * du[..., 1]) / det
+        return np.asarray(rays / np.linalg.norm(rays, axis=-1, keepdims=True))
+
+    @property
+    def hfov_rad(self) -> float:
+        """The horizontal field of view that the lens would have without its distortion."""
+        return self.pinhole.hfov_rad
 
     @cached_property
     def _max_radius(self) -> float:
@@ -95,6 +118,25 @@ class KannalaBrandt:
         with np.errstate(divide="ignore", invalid="ignore"):
             scale = np.where(across > 0, theta_d / across, 0.0)
         return _to_pixels(x * scale, y * scale, theta <= self._max_theta_rad, self.pinhole)
+
+    def rays(self, pixels: NDArray[np.floating]) -> NDArray[np.float64]:
+        """The directions (..., 3), of length 1, that the pixels (..., 2) show; NaN where the lens sees nothing."""
+        xd, yd = _from_pixels(pixels, self.pinhole)
+        theta = np.linspace(0.0, self._max_theta_rad, _SAMPLES)
+        across = np.hypot(xd, yd)
+        angle = _undistorted_radius(across, theta, self._distorted(theta))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            scale = np.where(across > 0, np.sin(angle) / across, 1.0)
+        return np.stack([xd * scale, yd * scale, np.cos(angle)], axis=-1)
+
+    @property
+    def hfov_rad(self) -> float:
+        """The horizontal field of view of a picture whose principal point is in the middle; at most a full circle."""
+        theta = np.linspace(0.0, math.pi, _SAMPLES)
+        edge = np.array(self.pinhole.width_px / (2 * self.pinhole.fx_px))
+        return 2.0 * min(
+            math.pi, float(np.nan_to_num(_undistorted_radius(edge, theta, self._distorted(theta)), nan=math.pi))
+        )
 
     def _distorted(self, theta: NDArray[np.float64]) -> NDArray[np.float64]:
         k1, k2, k3, k4 = _padded(self.distortion, 4)
@@ -179,11 +221,29 @@ def _grows_up_to(x: NDArray[np.float64], distorted: NDArray[np.float64]) -> floa
     return float(x[falls[0]] if len(falls) else x[-1])
 
 
+def _undistorted_radius(
+    distorted: NDArray[np.float64], samples: NDArray[np.float64], distorted_samples: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """The radius or angle that a lens moves to ``distorted``, between samples of it; NaN beyond the last.
+
+    With 4096 samples, linear interpolation is exact to about 1e-6 of the radius: a hundredth of a pixel at most.
+    """
+    grows = np.concatenate([[True], np.diff(distorted_samples) > 0])
+    grows = np.logical_and.accumulate(grows)
+    return np.asarray(np.interp(distorted, distorted_samples[grows], samples[grows], right=np.nan))
+
+
 def _pixels_per_pixel(uv: NDArray[np.float64]) -> int:
     """The number of the lens's pixels from one pixel of the view to the next, rounded down; at least 1."""
     steps = np.hypot(*np.diff(uv, axis=1).transpose(2, 0, 1))
     steps = steps[np.isfinite(steps)]
     return max(1, int(np.median(steps) + 1e-6)) if steps.size else 1
+
+
+def _from_pixels(pixels: NDArray[np.floating], pinhole: Pinhole) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Distorted coordinates x, y of pixels (..., 2) on the plane at depth 1."""
+    xd = (pixels[..., 0].astype(np.float64) - pinhole.cx_px) / pinhole.fx_px
+    return xd, (pixels[..., 1].astype(np.float64) - pinhole.cy_px) / pinhole.fy_px
 
 
 def _to_pixels(

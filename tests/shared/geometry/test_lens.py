@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from surveilnav.geometry import Pinhole, camera_pose
-from surveilnav.geometry.lens import BrownConrady, KannalaBrandt, Undistortion
+from surveilnav.geometry.lens import BrownConrady, KannalaBrandt, Lens, Undistortion
 
 PICTURE = Pinhole(1280, 960, 700.0, 690.0, 650.0, 470.0)
 MATRIX = np.array([[700.0, 0, 650.0], [0, 690.0, 470.0], [0, 0, 1]])
@@ -124,3 +124,41 @@ def test_a_wrong_number_of_coefficients_is_named(make) -> None:  # type: ignore[
 def _pattern(x, y):  # type: ignore[no-untyped-def]
     grey = 127 + 60 * np.sin(12 * x) + 60 * np.cos(9 * y)
     return np.repeat(grey[..., None], 3, -1).astype(np.uint8)
+
+
+@pytest.mark.parametrize(
+    "lens",
+    [
+        BrownConrady(PICTURE),
+        BrownConrady(PICTURE, BARREL),
+        BrownConrady(PICTURE, (0.1, 0.05, 0.01, -0.01)),
+        KannalaBrandt(PICTURE),
+        KannalaBrandt(PICTURE, (-0.02, 0.003, 0.0, 0.0)),
+    ],
+    ids=repr,
+)
+def test_a_pixel_s_ray_leads_back_to_it(lens: Lens) -> None:
+    pixels = np.stack(
+        np.meshgrid(np.linspace(0, PICTURE.width_px - 1, 9), np.linspace(0, PICTURE.height_px - 1, 7)), -1
+    )
+    rays = lens.rays(pixels)
+    seen = np.isfinite(rays).all(axis=-1)
+    assert seen.mean() > 0.5
+    assert seen[3, 4]
+    assert np.linalg.norm(rays[seen], axis=-1) == pytest.approx(np.ones(seen.sum()))
+    assert lens.pixels(rays)[seen] == pytest.approx(pixels[seen], abs=1e-4)
+
+
+def test_no_ray_leads_to_a_pixel_beyond_what_the_lens_sees() -> None:
+    narrow = KannalaBrandt(PICTURE, (), max_angle_rad=0.2)
+    inside = PICTURE.cx_px + 0.19 * PICTURE.fx_px, PICTURE.cy_px
+    assert np.isfinite(narrow.rays(np.array(inside))).all()
+    assert np.isnan(narrow.rays(np.array([inside[0] + 0.02 * PICTURE.fx_px, inside[1]]))).all()
+
+
+def test_the_field_of_view_of_a_fisheye_is_twice_the_angle_at_its_edge() -> None:
+    lens = KannalaBrandt(Pinhole(1000, 800, 320.0, 320.0, 499.5, 399.5), (-0.02, 0.003, 0.0, 0.0))
+    half = lens.hfov_rad / 2
+    edge = lens.pixels(np.array([math.sin(half), 0.0, math.cos(half)]))
+    assert edge[0] == pytest.approx(999.5, abs=1e-3)
+    assert KannalaBrandt(Pinhole(1000, 800, 100.0, 100.0, 499.5, 399.5)).hfov_rad == pytest.approx(2 * math.pi)

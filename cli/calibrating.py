@@ -1,0 +1,217 @@
+"""``surveilnav cameras calibrate``: a camera's pose from clicks, printed, drawn and written into the file of cameras."""
+
+from __future__ import annotations
+
+import math
+import os
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from surveilnav.camera_pose import Clicks, PoseFit, load_clicks, solve_pose
+from surveilnav.camera_pose.angles import yaw_pitch_roll
+from surveilnav.camera_pose.overlay import draw_overlay
+from surveilnav.cameras_file import CameraEntry, load_cameras
+from surveilnav.errors import ConfigError
+from surveilnav.geometry.polygon import pixels_in
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+_PICTURE_WAIT_S = 15.0
+#: What searches need (docs/use/calibration.md).
+_GOOD_M, _GOOD_RAD = 0.05, math.radians(1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Calibrated:
+    """A camera with its clicks and the pose that follows from them."""
+
+    entry: CameraEntry
+    floor_z_m: float
+    clicks: Clicks
+    p_world: NDArray[np.float64]
+    fit: PoseFit
+    fitted_hfov: bool
+
+    def yaml_values(self) -> dict[str, str]:
+        """What the file of cameras should say, by entry."""
+        angles = [math.degrees(a) for a in yaw_pitch_roll(self.fit.T_world_camera)]
+        values = {"position_m": "[" + ", ".join(f"{x:.3f}" for x in self.fit.T_world_camera[:3, 3]) + "]"}
+        # + 0.0 makes 0 of -0
+        values |= {
+            name: f"{round(a, 2) + 0.0:.2f}"
+            for name, a in zip(("yaw_deg", "pitch_deg", "roll_deg"), angles, strict=True)
+        }
+        if self.fitted_hfov:
+            values["lens.hfov_deg"] = f"{math.degrees(self.fit.hfov_rad):.2f}"
+        return values
+
+
+def calibrate_camera(camera: str, clicks_file: Path, cameras_file: Path, fit_hfov: bool) -> Calibrated:
+    """Reads both files and solves for the pose.
+
+    Raises:
+        ConfigError: a file has a mistake, or they don't fit together.
+        PoseError: the clicks don't give a pose.
+    """
+    entry, floor_z_m = _entry(camera, cameras_file)
+    clicks = load_clicks(clicks_file)
+    if clicks.camera != camera:
+        raise ConfigError(f"{clicks_file}: these are clicks of camera {clicks.camera!r}, not of {camera!r}")
+    if clicks.plan is not None and clicks.plan.floor not in ("", entry.floor):
+        raise ConfigError(
+            f"{clicks_file}: the plan shows floor {clicks.plan.floor!r}, but camera {camera} is on floor {entry.floor!r}"
+        )
+    if fit_hfov and entry.lens.hfov_deg is None:
+        raise ConfigError(
+            f"--fit-hfov is for a lens that is given by hfov_deg; that of {camera} has focal_px, from a calibration"
+        )
+    p_world = clicks.p_floor + np.array([0.0, 0.0, floor_z_m])
+    fit = solve_pose(entry.lens.lens(), clicks.pixels, p_world, fit_hfov=fit_hfov, floor_z_m=floor_z_m)
+    return Calibrated(entry, floor_z_m, clicks, p_world, fit, fit_hfov)
+
+
+def _entry(camera: str, path: Path) -> tuple[CameraEntry, float]:
+    file = load_cameras(path)
+    if entry := file.cameras.get(camera):
+        return entry, file.floors[entry.floor].z_m
+    if problems := [str(p) for p in file.problems if p.camera == camera]:
+        hint = ""
+        if any("position_m: Field" in p or "yaw_deg: Field" in p for p in problems):
+            hint = (
+                "\nUntil it is calibrated, write `position_m: [0, 0, 2.5]` (z above the floor's z_m) and `yaw_deg: 0`."
+            )
+        raise ConfigError("\n".join(f"{path}, {p}" for p in problems) + hint)
+    raise ConfigError(f"{path}: there is no camera {camera!r}; there are {', '.join(file.cameras) or 'none'}")
+
+
+def write_overlay(made: Calibrated, out: Path, picture: Path | None, cameras_file: Path) -> None:
+    """Draws plan, grid and clicks into a picture of the camera. Its zones are black, as everywhere.
+
+    Args:
+        picture: a picture's file; None: one is taken from the camera's stream.
+
+    Raises:
+        ConfigError: there is no picture, or it can't be written.
+    """
+    lens = made.fit.lens
+    bgr = _picture_of_stream(made.entry, cameras_file) if picture is None else _picture_of_file(picture)
+    size = lens.pinhole.width_px, lens.pinhole.height_px
+    if bgr.shape[1::-1] != size:
+        raise ConfigError(
+            f"the picture has {bgr.shape[1]} x {bgr.shape[0]} pixels, but the camera's lens is given for {size[0]} x {size[1]}"
+        )
+    if made.entry.zones:
+        bgr = np.where(pixels_in(made.entry.zones, *size)[..., None], 0, bgr).astype(np.uint8)
+    drawn = draw_overlay(
+        bgr,
+        lens,
+        made.fit.T_world_camera,
+        made.floor_z_m,
+        made.clicks.plan,
+        made.clicks.pixels,
+        made.p_world,
+        made.fit.inliers,
+    )
+    try:
+        written = cv2.imwrite(str(out), drawn)
+    except cv2.error:
+        raise ConfigError(f"--overlay {out}: expected a name that ends with .jpg or .png") from None
+    if not written:
+        raise ConfigError(f"--overlay {out}: it can't be written; does its folder exist?")
+
+
+def _picture_of_file(path: Path) -> NDArray[np.uint8]:
+    if not path.is_file():
+        raise ConfigError(f"--picture {path}: there is no such file")
+    picture = cv2.imread(str(path), cv2.IMREAD_COLOR)
+    if picture is None:
+        raise ConfigError(f"--picture {path}: it isn't a picture that can be read; expected JPEG or PNG")
+    return np.asarray(picture)
+
+
+def _picture_of_stream(entry: CameraEntry, cameras_file: Path) -> NDArray[np.uint8]:
+    from surveilnav.services.camera_node.sources.readers.choose import choose_reader
+    from surveilnav.services.camera_node.sources.readers.reader import StreamError
+
+    size = entry.lens.width_px, entry.lens.height_px
+    reader = choose_reader(entry.stream, cameras_file.parent, os.environ, size, 0.0)
+    try:
+        reader.open()
+        until_s = time.monotonic() + _PICTURE_WAIT_S
+        while time.monotonic() < until_s:
+            if frame := reader.read():
+                return np.asarray(frame.rgb[..., ::-1])
+        raise StreamError(f"no picture has come within {_PICTURE_WAIT_S:.0f} s")
+    except StreamError as error:
+        raise ConfigError(
+            f"the stream of {entry.name} gives no picture: {error}. Save one in the browser and name it by --picture"
+        ) from None
+    finally:
+        reader.close()
+
+
+def as_json(made: Calibrated, written: bool) -> dict[str, Any]:
+    """For programs."""
+    yaw, pitch, roll = (math.degrees(a) for a in yaw_pitch_roll(made.fit.T_world_camera))
+    fit = made.fit
+    return {
+        "camera": made.entry.name,
+        "position_m": [round(float(x), 4) for x in fit.T_world_camera[:3, 3]],
+        "yaw_deg": round(yaw, 3),
+        "pitch_deg": round(pitch, 3),
+        "roll_deg": round(roll, 3),
+        "hfov_deg": round(math.degrees(fit.hfov_rad), 3),
+        "position_sigma_m": round(fit.position_sigma_m, 4),
+        "angle_sigma_deg": round(math.degrees(fit.angle_sigma_rad), 3),
+        "points": [
+            {"line": line, "residual_px": _rounded(px, 2), "residual_m": _rounded(m, 4), "used": bool(used)}
+            for line, px, m, used in zip(
+                made.clicks.lines, np.linalg.norm(fit.residuals_px, axis=1), fit.residuals_m, fit.inliers, strict=True
+            )
+        ],
+        "written": written,
+    }
+
+
+def _rounded(value: float, digits: int) -> float | None:
+    return round(float(value), digits) if math.isfinite(value) else None
+
+
+def show(made: Calibrated, console: Console) -> None:
+    """For people: how far each point is off, the pose with its uncertainty, and the lines for the file."""
+    fit = made.fit
+    for number, (line, px, m, used) in enumerate(
+        zip(made.clicks.lines, np.linalg.norm(fit.residuals_px, axis=1), fit.residuals_m, fit.inliers, strict=True),
+        start=1,
+    ):
+        off = f"{px:5.1f} px, {100 * m:5.1f} cm off" if math.isfinite(px) else "  out of sight"
+        told = f"point {number:2} (line {line}): {off}" + ("" if used else "   left out: it contradicts the others")
+        console.print(told, markup=False, style="" if used else "red", soft_wrap=True)
+    yaw, pitch, roll = (math.degrees(a) for a in yaw_pitch_roll(fit.T_world_camera))
+    x, y, z = fit.T_world_camera[:3, 3]
+    lines = [
+        f"position {x:.2f}, {y:.2f} m, {z - made.floor_z_m:.2f} m above the floor; ± {fit.position_sigma_m:.2f} m",
+        f"yaw {yaw:.1f}, pitch {pitch:.1f}, roll {roll:.1f} degrees; ± {math.degrees(fit.angle_sigma_rad):.1f} degrees",
+    ]
+    if made.fitted_hfov:
+        sigma = math.degrees(fit.hfov_sigma_rad)
+        lines.append(f"horizontal field of view {math.degrees(fit.hfov_rad):.1f} degrees; ± {sigma:.1f} degrees")
+    for text in lines:
+        console.print(text, markup=False, soft_wrap=True)
+    if fit.position_sigma_m > 2 * _GOOD_M or fit.angle_sigma_rad > 2 * _GOOD_RAD:
+        console.print(
+            "That is too uncertain for searches, which need 0.05 m and 1 degree: add points, far apart and at several heights.",
+            style="yellow",
+            soft_wrap=True,
+        )
+    console.print(f"\n# {made.entry.name} in cameras.yaml", markup=False)
+    for name, value in made.yaml_values().items():
+        above, _, entry = name.rpartition(".")
+        console.print(f"{entry}: {value}{f'  # in {above}' if above else ''}", markup=False, soft_wrap=True)

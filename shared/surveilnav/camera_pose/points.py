@@ -1,0 +1,109 @@
+"""The file of clicks: points in a camera's picture whose places in the building are known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+from pydantic import AllowInfNan, BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from surveilnav.camera_pose.floor_plan import FloorPlan, load_floor_plan
+from surveilnav.contract import ID_PATTERN
+from surveilnav.errors import ConfigError
+from surveilnav.yaml_file import compose, line_of, plain
+
+_Finite = Annotated[float, AllowInfNan(False)]
+
+
+class _Entry(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class ClickedPoint(_Entry):
+    """A point that was clicked in the picture, and where it is in the building."""
+
+    px: tuple[_Finite, _Finite] = Field(description="(u, v) in the camera's picture as it comes from the stream")
+    plan_px: tuple[_Finite, _Finite] | None = Field(None, description="(column, row) in the plan's picture; or `xy_m`")
+    xy_m: tuple[_Finite, _Finite] | None = Field(None, description="(x, y) [m] in the building's frame; or `plan_px`")
+    z_m: Annotated[_Finite, Field(ge=-20, le=50)] = Field(0.0, description="height above the camera's floor [m]")
+
+    @model_validator(mode="after")
+    def _one_place(self) -> ClickedPoint:
+        if (self.plan_px is None) == (self.xy_m is None):
+            raise ValueError("expected its place once: either plan_px (on the plan) or xy_m (in metres)")
+        return self
+
+
+class ClicksFile(_Entry):
+    """The file of one camera's clicks."""
+
+    camera: str = Field(pattern=ID_PATTERN, description="the camera's name in cameras.yaml")
+    plan: str = Field("", description="path of the plan's file (map.yaml), relative to this file")
+    points: list[ClickedPoint] = Field(min_length=1, max_length=500)
+
+
+@dataclass(frozen=True, eq=False)
+class Clicks:
+    """Clicks with their places. Point number 1 is the first of the file.
+
+    Attributes:
+        pixels: (n, 2), (u, v) in the camera's picture.
+        p_floor: (n, 3), x and y in the building's frame, z above the camera's floor [m].
+        lines: of the file, for each point.
+        plan: the plan that the file names.
+    """
+
+    camera: str
+    pixels: NDArray[np.float64]
+    p_floor: NDArray[np.float64]
+    lines: tuple[int, ...]
+    plan: FloorPlan | None = None
+
+
+def load_clicks(path: Path) -> Clicks:
+    """Reads a file of clicks, and the plan that it names.
+
+    Raises:
+        ConfigError: one of the two can't be read, or has a mistake; all mistakes of the clicks are named, each at its line.
+    """
+    root = compose(path, "file of clicks")
+    if not isinstance(root, yaml.MappingNode):
+        raise ConfigError(f"{path}: expected a table with camera, plan and points; the file is empty or something else")
+    try:
+        entry = ClicksFile.model_validate(plain(root))
+    except ValidationError as error:
+        faults = [f"{path}, line {line_of(root, e['loc'])}: {_sentence(e)}" for e in error.errors()]
+        raise ConfigError("\n".join(faults)) from None
+    except ValueError as error:
+        raise ConfigError(f"{path}: {error}") from None
+    lines = tuple(line_of(root, ("points", i)) for i in range(len(entry.points)))
+    plan = load_floor_plan(path.parent / Path(entry.plan).expanduser()) if entry.plan else None
+    places = []
+    for number, (point, line) in enumerate(zip(entry.points, lines, strict=True), start=1):
+        places.append((*_place(point, plan, f"{path}, line {line}: point {number}"), point.z_m))
+    return Clicks(entry.camera, np.array([p.px for p in entry.points]), np.array(places), lines, plan)
+
+
+def _place(point: ClickedPoint, plan: FloorPlan | None, where: str) -> tuple[float, float]:
+    if point.xy_m is not None:
+        return point.xy_m
+    if plan is None:
+        raise ConfigError(f"{where}: plan_px needs a plan: add `plan: map.yaml` at the top, or write xy_m in metres")
+    column, row = point.plan_px or (0.0, 0.0)
+    if not (-0.5 <= column <= plan.width_px - 0.5 and -0.5 <= row <= plan.height_px - 0.5):
+        size = f"{plan.width_px} x {plan.height_px}"
+        raise ConfigError(f"{where}: plan_px ({column:g}, {row:g}) lies outside the plan's picture of {size} pixels")
+    x, y = plan.world_of(np.array([column, row]))
+    return float(x), float(y)
+
+
+def _sentence(error: Any) -> str:
+    loc = list(error["loc"])
+    where = f"point {loc[1] + 1}: " if len(loc) > 1 and loc[0] == "points" else ""
+    name = ".".join(str(part) for part in (loc[2:] if where else loc))
+    message = str(error["msg"]).removeprefix("Value error, ")
+    return f"{where}{name}: {message}" if name else f"{where}{message}"

@@ -1,0 +1,75 @@
+"""YAML files that people write: read as nodes that know their lines, so that a mistake can be named where it stands."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from surveilnav.errors import ConfigError
+
+_MAX_BYTES = 4 << 20
+
+
+def compose(path: Path, what: str, text: str | None = None) -> yaml.Node | None:
+    """The root node of a file; None if the file is empty.
+
+    Args:
+        what: what the file is, for messages, such as "file of cameras".
+        text: what the file is going to hold; None: what it holds now.
+
+    Raises:
+        ConfigError: the file can't be read, is larger than 4 MiB or isn't YAML.
+    """
+    try:
+        if text is None:
+            if path.stat().st_size > _MAX_BYTES:
+                raise ConfigError(f"{path}: a {what} has at most {_MAX_BYTES >> 20} MiB")
+            text = path.read_text(encoding="utf-8")
+        return yaml.compose(text, yaml.SafeLoader)
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"the {what} can't be read: {error}") from error
+    except (yaml.YAMLError, RecursionError) as error:
+        mark = getattr(error, "problem_mark", None)
+        where = f", line {mark.line + 1}" if mark else ""
+        raise ConfigError(f"{path}{where}: isn't YAML: {getattr(error, 'problem', None) or error}") from error
+
+
+def plain(node: yaml.Node) -> Any:
+    """The value of a node.
+
+    Raises:
+        ValueError: it has a key twice, or a value that its tag doesn't allow.
+    """
+    if isinstance(node, yaml.MappingNode):
+        value: dict[str, Any] = {}
+        for key, child in node.value:
+            if key.value in value:
+                raise ValueError(f"line {key.start_mark.line + 1}: {key.value!r} stands there twice")
+            value[key.value] = plain(child)
+        return value
+    if isinstance(node, yaml.SequenceNode):
+        return [plain(child) for child in node.value]
+    try:
+        return yaml.SafeLoader("").construct_object(node)
+    except yaml.YAMLError as error:
+        raise ValueError(f"line {node.start_mark.line + 1}: {getattr(error, 'problem', error)}") from None
+
+
+def line_of(node: yaml.Node, path: Sequence[int | str]) -> int:
+    """The line of the entry at a path; that of the nearest entry around it if there is none."""
+    line: int = node.start_mark.line + 1
+    for part in path:
+        if isinstance(node, yaml.MappingNode):
+            child = next(((k, v) for k, v in node.value if k.value == part), None)
+            if child is None:
+                break
+            line, node = child[0].start_mark.line + 1, child[1]
+        elif isinstance(node, yaml.SequenceNode) and isinstance(part, int) and part < len(node.value):
+            node = node.value[part]
+            line = node.start_mark.line + 1
+        else:
+            break
+    return line
