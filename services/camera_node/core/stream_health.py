@@ -8,6 +8,7 @@ States:
     black        all pixels are dark: covered, or no light
     grey         all pixels are alike but not dark, as decoders show what they couldn't decode
     garbled      a large part of the picture is flat blocks, as after lost packets
+    moved        its background is shifted: the camera was knocked or turned, and its calibration isn't true any more
     failed       the stream can't be opened or has ended; ``reason`` says why
 """
 
@@ -113,8 +114,8 @@ class StreamHealth:
             self.state, self.since_s = "connecting", now_s
         self._opened_s = now_s
 
-    def frame(self, now_s: float, statistics: FrameStatistics) -> None:
-        """A picture has come."""
+    def frame(self, now_s: float, statistics: FrameStatistics, moved: str = "") -> None:
+        """A picture has come. ``moved``: how its background is shifted, in words; empty: it isn't."""
         self.n_frames += 1
         self.last_frame_s = now_s
         if statistics.digest != self._digest:
@@ -124,7 +125,7 @@ class StreamHealth:
         if now_s - self._digest_s >= FROZEN_S:
             self._enter("frozen", now_s, f"the same picture for {now_s - self._digest_s:.0f} s")
         elif not self._fault:
-            self._enter("live", now_s)
+            self._enter("moved" if moved else "live", now_s, moved)
         elif now_s - self._fault_s >= _FAULT_S:
             self._enter(self._fault, now_s, "its pictures show nothing")
         if self.state == "live" and now_s - self.since_s >= _STEADY_S:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -16,6 +17,7 @@ from surveilnav.geometry import Pose
 from surveilnav.geometry.polygon import pixels_in
 from surveilnav.messages import StreamStatus
 from surveilnav.services.camera_node.core.change import ChangeDetector
+from surveilnav.services.camera_node.core.shift import ShiftDetector
 from surveilnav.services.camera_node.core.stream_health import FrameStatistics, StreamHealth
 from surveilnav.services.camera_node.sources.readers.reader import CapturedFrame, FrameReader, StreamError
 from surveilnav.services.camera_node.sources.source import Picture, Place, Tier
@@ -60,6 +62,7 @@ class StreamSource:
         self._size_px = entry.lens.width_px, entry.lens.height_px
         self._zones = pixels_in(entry.zones, *self._size_px) if entry.zones else None
         self._changes = ChangeDetector()
+        self._shift = ShiftDetector(entry.lens.lens().hfov_rad)
         self._health = StreamHealth()
         self._lock = threading.Lock()
         self._newest: CapturedFrame | None = None
@@ -160,14 +163,21 @@ class StreamSource:
         statistics = FrameStatistics.from_picture(frame.rgb)
         rgb = self._without_zones(frame.rgb)
         now_s = time.monotonic()
+        if not statistics.fault:
+            self._shift.observe(frame.rgb, now_s)  # with its zones, whose edges don't move
         with self._lock:
             was_live = self._health.state == "live"
-            self._health.frame(now_s, statistics)
+            self._health.frame(now_s, statistics, self._moved())
             if not self._health.usable:
                 return
             if self._changes.observe(rgb) or not was_live or now_s - self._sent_s >= REFRESH_S:
                 self._changes.sent(rgb)
                 self._newest, self._version, self._sent_s = replace(frame, rgb=rgb), self._version + 1, now_s
+
+    def _moved(self) -> str:
+        if not self._shift.has_moved:
+            return ""
+        return f"its picture is shifted by {math.degrees(self._shift.shift_rad):.1f} degrees: calibrate it anew, or turn it back"
 
     def _without_zones(self, rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
         if self._zones is None:

@@ -10,7 +10,7 @@ from surveilnav.geometry import Pinhole, Pose
 from surveilnav.messages.base import Message
 
 #: What a camera's stream is doing (``services/camera_node/core/stream_health.py`` defines each state).
-StreamState = Literal["connecting", "live", "no_frames", "frozen", "black", "grey", "garbled", "failed"]
+StreamState = Literal["connecting", "live", "no_frames", "frozen", "black", "grey", "garbled", "moved", "failed"]
 
 
 class StreamStatus(msgspec.Struct, frozen=True):

@@ -33,7 +33,7 @@ class CameraCone(BaseModel):
 class CameraStream(BaseModel):
     """What the stream of a camera's pictures is doing. A simulated camera's is always live."""
 
-    state: str = Field(description="connecting, live, no_frames, frozen, black, grey, garbled or failed")
+    state: str = Field(description="connecting, live, no_frames, frozen, black, grey, garbled, moved or failed")
     reason: str = Field(description="details; empty while it is live")
     since: datetime | None = Field(description="when the state began; null: always")
 

@@ -199,7 +199,7 @@ class MapObject:
 def _direction_of(view: PosedView, shape: Shape) -> Direction:
     """Where a view sees an object from: which camera, or which of the eight sectors around the object a robot is in."""
     if not view.is_robot:
-        return "camera", view.source
+        return "camera" if view.depth_source == "sensor" else "estimate", view.source
     x, y = _towards_camera(view, shape)
     return "robot", str(int((math.atan2(y, x) / math.pi + 1.0) * 4.0) % 8)
 

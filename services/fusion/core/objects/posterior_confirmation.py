@@ -6,6 +6,8 @@ It differs from the paper (section "Joint Object Confirmation") in three points:
   together (``posterior``).
 - No category is decided for good: the object is of the most probable class at any time.
 - A robot that looks from close by without detecting the object speaks against it.
+- Cameras without a depth sensor only guide the search: once an object's place is measured, what they saw doesn't count for it,
+  since they may have seen another object beside it.
 """
 
 from __future__ import annotations
@@ -26,12 +28,16 @@ class PosteriorConfirmation:
     def confidences(self, evidence: Evidence) -> Confidences:
         """The probability of each class by robots alone, by cameras alone, and by all."""
         robot, cameras = (
-            posterior(evidence.by_direction.of_sources(kind), self._config) for kind in ("robot", "camera")
+            posterior(evidence.by_direction.of_sources(*kinds), self._config)
+            for kinds in (("robot",), ("camera", "estimate"))
         )
         return Confidences(robot, cameras, self._joint(evidence))
 
     def _joint(self, evidence: Evidence) -> dict[str, float]:
-        return posterior(evidence.by_direction.of_sources("robot", "camera"), self._config)
+        measured = evidence.by_direction.of_sources("robot", "camera")
+        if any(views.detections for views in measured.values()):
+            return posterior(measured, self._config)
+        return posterior(evidence.by_direction.of_sources("robot", "camera", "estimate"), self._config)
 
     def update(self, evidence: Evidence) -> None:
         """Does nothing, since this rule decides on no category for good."""

@@ -11,7 +11,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-#: Where an object was seen from: ("camera", the camera's source name) or ("robot", the sector 0-7 of the compass).
+#: Where an object was seen from: ("camera", the camera's source name), ("estimate", the same of a camera without a depth
+#: sensor, which may have seen another object near by), or ("robot", the sector 0-7 of the compass).
 Direction = tuple[str, str]
 
 _MAX_DIRECTIONS = 32  # more than an object has sides, plus the cameras that may see it
@@ -56,7 +57,7 @@ class EvidenceByDirection:
         return len(self.views)
 
     def of_sources(self, *kinds: str) -> Mapping[Direction, ViewEvidence]:
-        """The evidence by the given kinds of sources ("robot", "camera") only."""
+        """The evidence by the given kinds of sources ("robot", "camera", "estimate") only."""
         return {direction: evidence for direction, evidence in self if direction[0] in kinds}
 
     def add_detection(self, direction: Direction, label: str, chance: float) -> None:

@@ -33,7 +33,7 @@ class Mistake:
 
 
 def find_mistake(view: PosedView, config: ValidationConfig) -> str | None:
-    """The mistake in the description of a camera with a depth sensor, in words; None if there is none, or none that can be told."""
+    """The mistake in the description of a camera with a depth sensor, in words; None if none can be told."""
     if view.is_robot or view.depth_source != "sensor":
         return None
     sampled = _sampled(view)

@@ -138,3 +138,14 @@ def live() -> StreamHealth:
 
 def times(begin: float, end: float) -> Iterator[float]:
     return iter(np.arange(begin, end + 0.1, 0.5).tolist())
+
+
+def test_a_camera_that_was_moved_is_named_and_not_believed_until_it_is_turned_back() -> None:
+    health = StreamHealth()
+    health.open(0.0)
+    health.frame(1.0, statistics(1))
+    health.frame(2.0, statistics(2), moved="its picture is shifted by 3 degrees")
+    assert (health.state, health.usable, health.reconnect_due(1000.0)) == ("moved", False, False)
+    assert health.pop_messages() == ["the stream is lost: moved, its picture is shifted by 3 degrees"]
+    health.frame(9.0, statistics(3))
+    assert (health.state, health.usable) == ("live", True)
