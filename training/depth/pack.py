@@ -44,8 +44,8 @@ class ViewGeometry(msgspec.Struct, frozen=True):
         """Intrinsics of the square picture."""
         return Pinhole.from_hfov(side_px, side_px, self.hfov_rad)
 
-    def T_floor_camera(self) -> Matrix4:
-        """(4, 4) pose of the camera in a frame on the floor below it, z up, x in the direction of view [m]."""
+    def pose(self) -> Matrix4:
+        """(4, 4) ``T_floor_camera``, the camera's pose in a frame on the floor below it, z up, x in the direction of view [m]."""
         return rolled(camera_pose((0.0, 0.0, self.height_m), 0.0, self.pitch_rad), self.roll_rad)
 
 

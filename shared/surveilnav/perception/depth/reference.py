@@ -22,12 +22,12 @@ CEILING_M, _ABOVE_CAMERA_M = 2.6, 0.3
 FARTHEST_M = 10.0
 #: A camera must be at least so high over its floor.
 LOWEST_M = 0.3
-#: Inverse floor depth; sine of the ray's elevation; reference depth (log); size of a pixel there (log); camera's height.
+#: Inverse floor depth; sine of the ray's elevation; reference depth (log); size of a cell there (log); camera's height.
 N_CHANNELS = 5
 #: The channels are meant for cameras of about this height and depths of about this size.
 _USUAL_HEIGHT_M, _USUAL_DEPTH_M = 2.0, 3.0
-#: Size of a pixel at the usual depth, in a picture 256 pixels wide that shows 90 degrees.
-_USUAL_PIXEL_M = _USUAL_DEPTH_M / 128.0
+#: Size of a cell at the usual depth, in a grid 128 cells wide that shows 90 degrees.
+_USUAL_CELL_M = _USUAL_DEPTH_M / 64.0
 _LARGEST_INVERSE = 2.0
 
 
@@ -82,14 +82,14 @@ def reference_channels(reference: Reference, camera: Pinhole) -> NDArray[np.floa
     """(H, W, ``N_CHANNELS``) float32, the network's input beside the picture; values of about -2 to 2.
 
     Args:
-        reference: of a picture of H x W pixels.
-        camera: intrinsics of that picture.
+        reference: at the network's output grid of H x W cells, which has half of the picture's resolution.
+        camera: intrinsics of that grid.
     """
     out = np.empty((*reference.depth_m.shape, N_CHANNELS), np.float32)
     log_depth = cv2.log(reference.depth_m)
     out[..., 0] = np.where(reference.floor, np.minimum(1.0 / reference.depth_m, _LARGEST_INVERSE), 0.0)
     out[..., 1] = reference.elevation
     out[..., 2] = log_depth - math.log(_USUAL_DEPTH_M)
-    out[..., 3] = log_depth - math.log(math.sqrt(camera.fx_px * camera.fy_px) * _USUAL_PIXEL_M)
+    out[..., 3] = log_depth - math.log(math.sqrt(camera.fx_px * camera.fy_px) * _USUAL_CELL_M)
     out[..., 4] = reference.height_m - _USUAL_HEIGHT_M
     return out
