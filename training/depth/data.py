@@ -20,6 +20,7 @@ from torch import Tensor
 
 from surveilnav.geometry import Pinhole
 from surveilnav.perception.depth.reference import reference_channels, reference_depth
+from training.depth.floor import floor_mask
 from training.depth.network import OUTPUT_STRIDE
 from training.depth.pack import DepthView, Pack, ViewGeometry
 
@@ -28,8 +29,6 @@ CANVASES = ((256, 256), (256, 192), (256, 160))
 SMALL_CANVASES = ((192, 192), (192, 160), (192, 128))
 #: A crop's width over the stored picture's; how much its sides are stretched against each other at most.
 _CROP, _STRETCH = (0.7, 1.0), 0.05
-#: What is within this height is floor: rugs, thresholds.
-FLOOR_WITHIN_M = 0.03
 #: So often a building is another size. Cameras up to 3 m high come only from that, since most ceilings are at 2.5 m.
 _SCALED, _SCALE = 0.3, (0.9, 1.3)
 #: So often the calibration is imprecise; standard deviations of height and focal length (shares), pitch and roll.
@@ -107,14 +106,6 @@ def collate(examples: Sequence[Example]) -> Batch:
         stacked([e.floor for e in examples]),
         stacked([e.known for e in examples]),
     )
-
-
-def floor_mask(
-    depth_m: NDArray[np.floating], reference_m: NDArray[np.float32], is_floor: NDArray[np.bool_], height_m: float
-) -> NDArray[np.bool_]:
-    """Where a view shows the floor: points within ``FLOOR_WITHIN_M`` of it. All (H, W), as in ``Reference``."""
-    off_m = np.abs(depth_m / reference_m - 1.0) * height_m
-    return is_floor & (off_m <= FLOOR_WITHIN_M)
 
 
 def varied(view: DepthView, canvas: tuple[int, int], rng: np.random.Generator) -> Example:

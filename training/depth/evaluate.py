@@ -22,7 +22,7 @@ from surveilnav.perception.depth.network import DepthNetwork
 from surveilnav.perception.depth.reference import reference_depth
 from surveilnav.perception.runtime import Runtime
 from training.depth.card import Band, Floor, Measured, card_of, save_card
-from training.depth.data import floor_mask
+from training.depth.floor import floor_mask
 from training.depth.pack import DepthView, Pack, ViewGeometry, read_packs
 
 BANDS_M = ((0.0, 2.0), (2.0, 4.0), (4.0, 6.0), (6.0, 10.0))
@@ -142,7 +142,7 @@ def _floor(s: Samples) -> Floor:
     taken, other = s.taken_for_floor, s.over_floor & ~s.is_floor
     return Floor(
         _rounded(taken[s.is_floor & s.over_floor].mean()),
-        _rounded(s.is_floor[taken].mean()),
+        _rounded(s.is_floor[taken].sum() / max(1, taken.sum())),
         _rounded(taken[other].mean()),
         _rounded(taken[other & s.higher].mean()),
     )

@@ -118,10 +118,11 @@ class Training:
         sums: dict[str, float] = {}
         for batch in self.views.batches(self.step, self.plan.steps, self.plan.batch):
             for name, value in self.one_step(batch).items():
-                sums[name] = sums.get(name, 0.0) + value / _LOG_EVERY
+                sums[name] = sums.get(name, 0.0) + value
             if self.step % _LOG_EVERY == 0:
+                n = min(_LOG_EVERY, self.step - first)
                 left_min = (time.perf_counter() - begun) / (self.step - first) * (self.plan.steps - self.step) / 60
-                self._log(sums, left_min)
+                self._log({name: value / n for name, value in sums.items()}, left_min)
                 sums = {}
             if time.perf_counter() - begun > 60 * minutes:
                 break
