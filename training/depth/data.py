@@ -170,13 +170,13 @@ class Crop:
         if min(sx, sy) < 0.9:  # warping doesn't average
             rgb = cv2.GaussianBlur(rgb, (3, 3), 0.35 / min(sx, sy)).astype(np.uint8)
         warped = cv2.warpAffine(rgb, A, size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        return warped.astype(np.uint8)
+        return np.asarray(warped, np.uint8)
 
     def nearest(self, size: tuple[int, int]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Index of the pixel nearest to each cell's centre of a grid (columns, rows)."""
         u = self.x + (np.arange(size[0]) + 0.5) * self.width / size[0]
         v = self.y + (np.arange(size[1]) + 0.5) * self.height / size[1]
-        return np.ix_(v.astype(np.intp), u.astype(np.intp))
+        return v.astype(np.intp)[:, None], u.astype(np.intp)[None, :]
 
 
 def _imprecise(lens: Pinhole, geometry: ViewGeometry, rng: np.random.Generator) -> tuple[Pinhole, ViewGeometry]:

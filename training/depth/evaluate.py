@@ -13,6 +13,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import TypeVar
 
 import msgspec
 import numpy as np
@@ -24,6 +25,8 @@ from surveilnav.perception.runtime import Runtime
 from training.depth.card import Band, Floor, Measured, card_of, save_card
 from training.depth.floor import floor_mask
 from training.depth.pack import DepthView, Pack, ViewGeometry, read_packs
+
+T = TypeVar("T", bound=np.generic)
 
 BANDS_M = ((0.0, 2.0), (2.0, 4.0), (4.0, 6.0), (6.0, 10.0))
 #: Depth that differs by less from the floor's is the floor's.
@@ -62,13 +65,13 @@ class Samples:
     def error(self) -> NDArray[np.float32]:
         """Absolute error of the logarithm of depth; inf where it is unknown."""
         with np.errstate(divide="ignore"):
-            return np.abs(np.log(self.depth_m / self.true_m))
+            return np.asarray(np.abs(np.log(self.depth_m / self.true_m)))
 
     @property
     def taken_for_floor(self) -> NDArray[np.bool_]:
         with np.errstate(divide="ignore"):
-            off = np.abs(np.log(self.depth_m / self.reference_m))
-        return (off < _FLOOR_LOG_RATIO) & self.over_floor
+            near: NDArray[np.bool_] = np.abs(np.log(self.depth_m / self.reference_m)) < _FLOOR_LOG_RATIO
+        return near & self.over_floor
 
 
 def samples_of(network: Path, packs: Sequence[Pack], *, imprecise: bool = False) -> Samples:
@@ -81,6 +84,11 @@ def samples_of(network: Path, packs: Sequence[Pack], *, imprecise: bool = False)
             view = pack.view(i)
             shown = _wrong(view.geometry, rng) if imprecise else view.geometry
             rows.append(_samples_of_view(opened, view, shown))
+    return joined(rows)
+
+
+def joined(rows: Sequence[Samples]) -> Samples:
+    """All samples together."""
     return Samples(*(np.concatenate([getattr(row, field.name) for row in rows]) for field in fields(Samples)))
 
 
@@ -99,17 +107,20 @@ def _samples_of_view(network: DepthNetwork, view: DepthView, shown: ViewGeometry
     reference = reference_depth(camera, shown.pose(), 0.0)
     estimate = network.estimate(view.rgb, camera, shown.pose(), 0.0)
     above_m = true.height_m + true_m * (camera.rays() @ view.geometry.pose()[2, :3].astype(np.float32))
-    maps = (
-        true_m,
-        estimate.depth_m,
-        reference.depth_m,
-        estimate.sigma_log,
-        floor_mask(true_m, true.depth_m, true.floor, true.height_m),
-        above_m > _HIGHER_M,
-        reference.floor,
+    there = ((true_m > 0.0) & (true_m <= BANDS_M[-1][1]))[::_STEP, ::_STEP]
+
+    def sampled(array: NDArray[T]) -> NDArray[T]:
+        return array[::_STEP, ::_STEP][there]
+
+    return Samples(
+        sampled(true_m),
+        sampled(estimate.depth_m),
+        sampled(reference.depth_m),
+        sampled(estimate.sigma_log),
+        sampled(floor_mask(true_m, true.depth_m, true.floor, true.height_m)),
+        sampled(above_m > _HIGHER_M),
+        sampled(reference.floor),
     )
-    there = (true_m > 0.0) & (true_m <= BANDS_M[-1][1])
-    return Samples(*(part[::_STEP, ::_STEP][there[::_STEP, ::_STEP]] for part in maps))
 
 
 def measured(all_views: Samples, not_fitted: Samples, n_views: int) -> Measured:
@@ -134,8 +145,17 @@ def _band(s: Samples, nearest_m: float, farthest_m: float) -> Band:
     known = inside & s.known
     relative = np.abs(s.depth_m[known] / s.true_m[known] - 1.0)
     of_reference = np.abs(s.reference_m[inside] / s.true_m[inside] - 1.0)
-    quantiles = [_rounded(np.quantile(errors, q)) for errors in (relative, of_reference) for q in (0.5, 0.9)]
-    return Band(nearest_m, farthest_m, *quantiles, _rounded(1.0 - known.sum() / max(1, inside.sum())))
+    return Band(
+        nearest_m,
+        farthest_m,
+        *_median_and_p90(relative),
+        *_median_and_p90(of_reference),
+        _rounded(1.0 - known.sum() / max(1, inside.sum())),
+    )
+
+
+def _median_and_p90(errors: NDArray[np.float32]) -> tuple[float, float]:
+    return _rounded(np.quantile(errors, 0.5)), _rounded(np.quantile(errors, 0.9))
 
 
 def _floor(s: Samples) -> Floor:
@@ -194,8 +214,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     found = {}
     for name in ("exact", "imprecise"):
         halves = [samples_of(args.network, packs[k::2], imprecise=name == "imprecise") for k in (0, 1)]
-        both = Samples(*(np.concatenate([getattr(s, f.name) for s in halves]) for f in fields(Samples)))
-        found[name] = measured(both, halves[1], n_views)
+        found[name] = measured(joined(halves), halves[1], n_views)
         print(table(name, found[name]) + "\n")
     ms = ms_per_view(args.network, packs[0].view(0))
     print(f"{ms} ms of one core per view of {packs[0].side_px} x {packs[0].side_px} pixels")

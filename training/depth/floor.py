@@ -13,5 +13,5 @@ def floor_mask(
     depth_m: NDArray[np.floating], reference_m: NDArray[np.float32], is_floor: NDArray[np.bool_], height_m: float
 ) -> NDArray[np.bool_]:
     """Where a view shows the floor: points within ``FLOOR_WITHIN_M`` of it. All (H, W), as in ``Reference``."""
-    off_m = np.abs(depth_m / reference_m - 1.0) * height_m
-    return is_floor & (off_m <= FLOOR_WITHIN_M)
+    near: NDArray[np.bool_] = np.abs(depth_m / reference_m - 1.0) * height_m <= FLOOR_WITHIN_M
+    return is_floor & near
