@@ -69,17 +69,17 @@ class Example:
 
 
 class Views:
-    """All views of some packs, drawn by seed and step. The first ``small_steps`` steps have small canvases."""
+    """All views of some packs, drawn by seed, step and process. The first ``small_steps`` steps have small canvases."""
 
-    def __init__(self, packs: Sequence[Pack], seed: int = 0, small_steps: int = 0) -> None:
-        self._packs, self._seed, self._small_steps = packs, seed, small_steps
+    def __init__(self, packs: Sequence[Pack], seed: int = 0, small_steps: int = 0, process: int = 0) -> None:
+        self._packs, self._seed, self._small_steps, self._process = packs, seed, small_steps, process
         self._rows = [(p, i) for p, pack in enumerate(packs) for i in range(len(pack.views))]
 
     def __len__(self) -> int:
         return len(self._rows)
 
     def batch(self, step: int, size: int) -> Batch:
-        rng = np.random.default_rng([self._seed, step])
+        rng = np.random.default_rng([self._seed, step, self._process])
         canvases = SMALL_CANVASES if step < self._small_steps else CANVASES
         canvas = canvases[rng.integers(len(canvases))]
         chosen = [self._rows[i] for i in rng.integers(len(self._rows), size=size)]

@@ -10,13 +10,14 @@ from __future__ import annotations
 import argparse
 import copy
 import math
+import tempfile
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor, distributed, multiprocessing, nn
 
 from surveilnav.storage import atomic_write
 from training.depth.data import Batch, Views
@@ -80,7 +81,7 @@ class Training:
 
     def __init__(self, plan: Plan, views: Views, out: Path, shape: Shape | None = None) -> None:
         torch.manual_seed(plan.seed)
-        self.plan, self.views, self.out, self.step = plan, views, out, 0
+        self.plan, self.views, self.out, self.step, self.views_seen = plan, views, out, 0, 0
         self.shape = shape or Shape()
         self.network = DepthNet(self.shape).to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         self.mean = copy.deepcopy(self.network).eval().requires_grad_(False)
@@ -90,7 +91,7 @@ class Training:
         self.optimiser = torch.optim.AdamW(groups, lr=plan.rate)
         if self.checkpoint.exists():
             kept = torch.load(self.checkpoint, weights_only=True)
-            self.step = kept["step"]
+            self.step, self.views_seen = kept["step"], kept["views_seen"]
             self.network.load_state_dict(kept["network"])
             self.mean.load_state_dict(kept["mean"])
             self.optimiser.load_state_dict(kept["optimiser"])
@@ -101,9 +102,11 @@ class Training:
 
     def save(self) -> None:
         """Writes the checkpoint atomically."""
+        if _process() > 0:
+            return
         kept = {
             "step": self.step,
-            "views_seen": self.step * self.plan.batch,
+            "views_seen": self.views_seen,
             "shape": asdict(self.shape),
             "network": self.network.state_dict(),
             "mean": self.mean.state_dict(),
@@ -124,7 +127,7 @@ class Training:
                 left_min = (time.perf_counter() - begun) / (self.step - first) * (self.plan.steps - self.step) / 60
                 self._log({name: value / n for name, value in sums.items()}, left_min)
                 sums = {}
-            if time.perf_counter() - begun > 60 * minutes:
+            if _mean_of_processes(torch.tensor(time.perf_counter() - begun)) > 60 * minutes:
                 break
             if time.perf_counter() - saved > _CHECKPOINT_S:
                 self.save()
@@ -141,13 +144,21 @@ class Training:
         parts = losses(predicted, batch)
         self.optimiser.zero_grad(set_to_none=True)
         torch.stack([WEIGHTS[name] * part for name, part in parts.items()]).sum().backward()  # type: ignore[no-untyped-call]
+        if distributed.is_initialized():  # in one piece, which takes one round of messages
+            gradients = [p.grad for p in self.network.parameters() if p.grad is not None]
+            mean = _mean_of_processes(torch.cat([g.flatten() for g in gradients]))
+            for gradient, part in zip(gradients, mean.split([g.numel() for g in gradients]), strict=True):
+                gradient.copy_(part.view_as(gradient))
         nn.utils.clip_grad_norm_(self.network.parameters(), 5.0)
         self.optimiser.step()
         _blend(self.mean, self.network, min(0.99, (1.0 + self.step) / (10.0 + self.step)))
         self.step += 1
+        self.views_seen += self.plan.batch * (distributed.get_world_size() if distributed.is_initialized() else 1)
         return {name: float(part.detach()) for name, part in parts.items()}
 
     def _log(self, parts: dict[str, float], left_min: float) -> None:
+        if _process() > 0:
+            return
         values = ", ".join(f"{name} {value:.3f}" for name, value in parts.items())
         print(f"step {self.step} of {self.plan.steps}: {values}; {left_min:.0f} min left", flush=True)
         path = self.out / "curve.csv"
@@ -157,6 +168,20 @@ class Training:
             if begins:
                 file.write(",".join(["step", *parts]) + "\n")
             file.write(",".join([str(self.step), *(f"{value:.4f}" for value in parts.values())]) + "\n")
+
+
+def _process() -> int:
+    """Number of this process among those that train together."""
+    return distributed.get_rank() if distributed.is_initialized() else 0
+
+
+def _mean_of_processes(x: Tensor) -> Tensor:
+    """The mean of a tensor over the processes that train together."""
+    if distributed.is_initialized():
+        x = x.contiguous()
+        distributed.all_reduce(x)
+        x /= distributed.get_world_size()
+    return x
 
 
 @torch.no_grad()
@@ -178,15 +203,32 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--rate", type=float, default=2e-3, help="highest learning rate")
     parser.add_argument("--small-share", type=float, default=0.6, help="of the steps, with small pictures")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument("--threads", type=int, default=2, help="of each process")
+    parser.add_argument(
+        "--processes", type=int, default=1, help="that average their gradients, each on a batch of its own"
+    )
     parser.add_argument("--minutes", type=float, default=math.inf, help="stop earlier; started again, it goes on")
     args = parser.parse_args(argv)
+    if args.processes == 1:
+        _train(0, args)
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        args.meeting = Path(folder) / "meeting"
+        multiprocessing.spawn(_train, (args,), args.processes)
+
+
+def _train(process: int, args: argparse.Namespace) -> None:
+    """One process of the training."""
+    if args.processes > 1:
+        distributed.init_process_group("gloo", f"file://{args.meeting}", rank=process, world_size=args.processes)
     torch.set_num_threads(args.threads)
     packs = [pack for folder in args.views for pack in read_packs(folder)]
-    views = Views(packs, args.seed, round(args.small_share * args.steps))
+    views = Views(packs, args.seed, round(args.small_share * args.steps), process)
     training = Training(Plan(args.steps, args.batch, args.rate, seed=args.seed), views, args.out)
     print(f"{n_parameters(training.network)} parameters, {len(views)} views, from step {training.step}", flush=True)
     training.run(args.minutes)
+    if distributed.is_initialized():
+        distributed.destroy_process_group()
 
 
 if __name__ == "__main__":
