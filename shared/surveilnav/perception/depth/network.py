@@ -108,5 +108,5 @@ class DepthNetwork:
 def input_size(width_px: int, height_px: int) -> tuple[int, int]:
     """(width, height) of the network's input for a picture: the longer side 256, both multiples of 32."""
     ratio = _SIDE_PX / max(width_px, height_px)
-    width, height = (max(1, round(side * ratio / _MULTIPLE_PX)) * _MULTIPLE_PX for side in (width_px, height_px))
+    width, height = (max(1, int(side * ratio / _MULTIPLE_PX + 0.5)) * _MULTIPLE_PX for side in (width_px, height_px))
     return width, height
