@@ -17,7 +17,8 @@ class Band(msgspec.Struct, frozen=True):
     Attributes:
         nearest_m, farthest_m: of the band.
         median, p90: of the network's relative errors.
-        reference_median, reference_p90: the same for the reference depth, which takes everything for floor or ceiling.
+        median_off_floor: median error of the pixels that don't show the floor.
+        reference_median, reference_p90: ``median`` and ``p90`` of the reference depth, that of an empty room.
         unknown: share of pixels whose depth the network leaves unknown; they don't count in its errors.
     """
 
@@ -25,6 +26,7 @@ class Band(msgspec.Struct, frozen=True):
     farthest_m: float
     median: float
     p90: float
+    median_off_floor: float
     reference_median: float
     reference_p90: float
     unknown: float

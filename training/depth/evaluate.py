@@ -149,6 +149,7 @@ def _band(s: Samples, nearest_m: float, farthest_m: float) -> Band:
         nearest_m,
         farthest_m,
         *_median_and_p90(relative),
+        _median_and_p90(relative[~s.is_floor[known]])[0],
         *_median_and_p90(of_reference),
         _rounded(1.0 - known.sum() / max(1, inside.sum())),
     )
@@ -184,11 +185,11 @@ def table(name: str, m: Measured) -> str:
     lines = [
         f"{m.views} views, {name} calibration:",
         "",
-        "| true depth | median error | 90 in 100 below | empty room: median | 90 in 100 below | left unknown |",
-        "|---|---|---|---|---|---|",
+        "| true depth | median error | 90 in 100 below | median off the floor | empty room: median | 90 in 100 below | unknown |",
+        "|---|---|---|---|---|---|---|",
     ]
     for b in m.bands:
-        errors = (b.median, b.p90, b.reference_median, b.reference_p90, b.unknown)
+        errors = (b.median, b.p90, b.median_off_floor, b.reference_median, b.reference_p90, b.unknown)
         cells = " | ".join(f"{100 * error:.1f} %" for error in errors)
         lines.append(f"| {b.nearest_m:.0f} to {b.farthest_m:.0f} m | {cells} |")
     f = m.floor
