@@ -18,7 +18,7 @@ class Band(msgspec.Struct, frozen=True):
         nearest_m, farthest_m: of the band.
         median, p90: of the network's relative errors.
         median_off_floor: median error of the pixels that don't show the floor.
-        reference_median, reference_p90: ``median`` and ``p90`` of the reference depth, that of an empty room.
+        reference_median, reference_p90, reference_median_off_floor: the same of the reference depth, that of an empty room.
         unknown: share of pixels whose depth the network leaves unknown; they don't count in its errors.
     """
 
@@ -29,6 +29,7 @@ class Band(msgspec.Struct, frozen=True):
     median_off_floor: float
     reference_median: float
     reference_p90: float
+    reference_median_off_floor: float
     unknown: float
 
 

@@ -151,6 +151,7 @@ def _band(s: Samples, nearest_m: float, farthest_m: float) -> Band:
         *_median_and_p90(relative),
         _median_and_p90(relative[~s.is_floor[known]])[0],
         *_median_and_p90(of_reference),
+        _median_and_p90(of_reference[~s.is_floor[inside]])[0],
         _rounded(1.0 - known.sum() / max(1, inside.sum())),
     )
 
@@ -185,12 +186,13 @@ def table(name: str, m: Measured) -> str:
     lines = [
         f"{m.views} views, {name} calibration:",
         "",
-        "| true depth | median error | 90 in 100 below | median off the floor | empty room: median | 90 in 100 below | unknown |",
-        "|---|---|---|---|---|---|---|",
+        "| true depth | median error | off the floor | 90 % below | empty room | off the floor | 90 % below | unknown |",
+        "|---|---|---|---|---|---|---|---|",
     ]
     for b in m.bands:
-        errors = (b.median, b.p90, b.median_off_floor, b.reference_median, b.reference_p90, b.unknown)
-        cells = " | ".join(f"{100 * error:.1f} %" for error in errors)
+        network = b.median, b.median_off_floor, b.p90
+        reference = b.reference_median, b.reference_median_off_floor, b.reference_p90
+        cells = " | ".join(f"{100 * error:.1f} %" for error in (*network, *reference, b.unknown))
         lines.append(f"| {b.nearest_m:.0f} to {b.farthest_m:.0f} m | {cells} |")
     f = m.floor
     return "\n".join(
