@@ -29,6 +29,7 @@ MOVED = {
     "CHANGELOG.md": "changelog.md",
     "CREDITS.md": "credits.md",
     "training/detector/README.md": "understand/training.md",
+    "training/depth/README.md": "understand/training_depth.md",
 }
 REPOSITORY_PATH = {site: repository for repository, site in MOVED.items()}
 

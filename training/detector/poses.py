@@ -58,11 +58,36 @@ class ViewPose:
         return Pinhole.from_hfov(width, height, self.hfov_rad)
 
 
-class PoseSource:
-    """Draws poses in one building. ``number_of``: the class of an instance, or -1."""
+#: Draws height [m], pitch and field of view [rad] of a view.
+How = Callable[[Kind, np.random.Generator], tuple[float, float, float]]
 
-    def __init__(self, scene: Scene, navigation: NavigationMap, number_of: Callable[[Instance], int]) -> None:
-        self._navigation = navigation
+
+def usual_how(kind: Kind, rng: np.random.Generator) -> tuple[float, float, float]:
+    """Height [m], pitch and field of view [rad]."""
+    if kind == "robot":
+        pitch = -LOOK_RAD * rng.integers(2) + rng.normal(0.0, math.radians(1.5))
+        return CAMERA_HEIGHT_M + rng.normal(0.0, 0.02), pitch, ROBOT_HFOV_RAD
+    if rng.random() < _USUAL_SHARE:
+        return _USUAL
+    return rng.uniform(*_HEIGHTS_M), rng.uniform(*_TILTS_RAD), rng.uniform(*_HFOVS_RAD)
+
+
+class PoseSource:
+    """Draws poses in one building.
+
+    ``number_of``: the class of an instance, or -1. ``how``: draws a height [m], pitch and field of view [rad] in place of the
+    usual ones. ``aimed_share``: so many views are aimed.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        navigation: NavigationMap,
+        number_of: Callable[[Instance], int],
+        how: How | None = None,
+        aimed_share: float = _AIMED_SHARE,
+    ) -> None:
+        self._how, self._aimed_share = how or usual_how, aimed_share
         self._floors = {f.id: f for f in scene.floors if navigation.robot_area[f.id].any()}
         self._cells: dict[str, NDArray[np.float64]] = {}
         for id_ in self._floors:
@@ -78,7 +103,7 @@ class PoseSource:
     def draw(self, kind: Kind, rng: np.random.Generator) -> ViewPose:
         """One pose, aimed or not."""
         height_m, pitch, hfov = self._how(kind, rng)
-        if self._by_class and rng.random() < _AIMED_SHARE:
+        if self._by_class and rng.random() < self._aimed_share:
             kinds = self._goals if self._goals and rng.random() < _GOAL_SHARE else self._by_class
             things = kinds[rng.integers(len(kinds))]
             thing = things[rng.integers(len(things))]
@@ -91,15 +116,6 @@ class PoseSource:
         floor = list(self._floors)[rng.integers(len(self._floors))]
         place = self._cells[floor][rng.integers(len(self._cells[floor]))]
         return self._pose(kind, floor, place, height_m, rng.uniform(-math.pi, math.pi), pitch, hfov, 0)
-
-    def _how(self, kind: Kind, rng: np.random.Generator) -> tuple[float, float, float]:
-        """Height [m], pitch and field of view [rad]."""
-        if kind == "robot":
-            pitch = -LOOK_RAD * rng.integers(2) + rng.normal(0.0, math.radians(1.5))
-            return CAMERA_HEIGHT_M + rng.normal(0.0, 0.02), pitch, ROBOT_HFOV_RAD
-        if rng.random() < _USUAL_SHARE:
-            return _USUAL
-        return rng.uniform(*_HEIGHTS_M), rng.uniform(*_TILTS_RAD), rng.uniform(*_HFOVS_RAD)
 
     def _place_near(self, thing: Instance, kind: Kind, rng: np.random.Generator) -> NDArray[np.float64] | None:
         """(x, y) [m] of a free cell, near ones as likely as far ones; None: there is none in reach."""
