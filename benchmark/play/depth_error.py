@@ -8,6 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from surveilnav.messages import DepthUncertainty
+
 _WARP_NODES = 4
 
 
@@ -20,9 +22,9 @@ class DepthError:
     warp_sigma: float
 
     @property
-    def sigma(self) -> float:
-        """Standard deviation of the depth's logarithm, as the picture's sender states it."""
-        return float(np.hypot(self.scale_sigma, self.warp_sigma))
+    def uncertainty(self) -> DepthUncertainty:
+        """As the picture's sender states it."""
+        return DepthUncertainty(self.warp_sigma, self.scale_sigma)
 
     def apply(self, depth_m: NDArray[np.float32], seed: int) -> NDArray[np.float32]:
         """``depth_m`` (H, W) with this error; the same for the same ``seed``."""

@@ -30,6 +30,7 @@ from surveilnav.messages import (
     ModelIds,
 )
 from surveilnav.perception.backend import Backend
+from surveilnav.perception.depth.network import DepthNetwork
 from surveilnav.robot_body import CAMERA, CAMERA_HEIGHT_M, DEPTH_RANGE_M
 from surveilnav.robot_state import RobotState
 from surveilnav.sensing.packing import (
@@ -50,8 +51,8 @@ from surveilnav.simulator.world.labels import TARGETS
 
 Way = Literal["pixels", "depth"]
 Views = Literal["panoramic", "half"]
-#: What cameras know of depth: as a sensor measures it, nothing, or as wrong as ``DEPTH_ERRORS`` says.
-CameraDepth = Literal["sensor", "none", "estimate-5", "estimate-15"]
+#: What cameras know of depth: what a sensor measures, what our network estimates, nothing, or the truth with ``DEPTH_ERRORS``.
+CameraDepth = Literal["sensor", "network", "none", "estimate-5", "estimate-15"]
 #: A cheap sensor or a good network, and a network that doesn't know its scale.
 DEPTH_ERRORS = {"estimate-5": DepthError(0.05, 0.04), "estimate-15": DepthError(0.15, 0.06)}
 #: By camera, what each of its views takes on the wire.
@@ -60,6 +61,8 @@ ViewBytes = Mapping[str, Sequence[int]]
 _BUILDING = "building"
 ROBOT = "r1"
 _ROBOT_JPEG_QUALITY = 90
+#: Width of the pictures that are rendered for the depth network where perception looks at none.
+_ESTIMATION_PX = 256
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,6 +192,7 @@ class Sight:
         self._plan = plan or building.plan
         self._half, self._scale = views == "half", scale if way == "depth" else 1
         self._view_bytes, self._words, self._camera_depth = view_bytes, tuple(words), camera_depth
+        self._depth_network: DepthNetwork | None = None
         self._error = {c.name: pose_error.drawn(c.name, building.settings.seed) for c in self._plan.cameras}
         self._cameras = {camera.name: camera for camera in self._plan.cameras}
         self._labels = building.scene.truth_labels if backend.needs_truth else {}
@@ -273,11 +277,12 @@ class Sight:
             )
             measured = self._view_bytes.get(camera.name)
             offered = measured[index] if measured else 0
-            return SeenView(self._as_known(view), self._perceive(view, rendered, (source, index, 1)), offered)
+            view = self._as_known(view)
+            return SeenView(view, self._perceive(view, rendered, (source, index, 1)), offered)
         rendered = self.building.camera_view(camera, index)
         header, payload, offered = _frame(rendered, camera, index, said, self._plan)
-        view = decode_frame(header, payload)
-        return SeenView(self._as_known(view), self._perceive(view, rendered, (source, index, 1)), offered)
+        view = self._as_known(decode_frame(header, payload))
+        return SeenView(view, self._perceive(view, rendered, (source, index, 1)), offered)
 
     def _as_known(self, view: PosedView) -> PosedView:
         """A camera's view with what is known of its depth."""
@@ -285,9 +290,28 @@ class Sight:
             return view
         if self._camera_depth == "none":
             return replace(view, depth_m=np.zeros_like(view.depth_m), depth_source="none")
+        if self._camera_depth == "network":
+            return self._with_estimated_depth(view)
         error = DEPTH_ERRORS[self._camera_depth]
         depth_m = error.apply(view.depth_m, noise_seed(self.building.settings.seed, view.source, view.view))
-        return replace(view, depth_m=depth_m, depth_source="network", depth_sigma=error.sigma)
+        return replace(view, depth_m=depth_m, depth_source="network", depth_uncertainty=error.uncertainty)
+
+    def _with_estimated_depth(self, view: PosedView) -> PosedView:
+        """A camera's view with the depth that our network makes of its picture."""
+        lens = view.camera
+        if self.way == "depth":  # there the view has no colours
+            lens = lens.resized(_ESTIMATION_PX, _ESTIMATION_PX * lens.height_px // lens.width_px)
+            rgb = self.building.renderer.render(
+                view.T_world_camera, lens, depth_range_m=CAMERA_DEPTH_RANGE_M, noise=None, seed=0
+            ).rgb
+        else:
+            rgb = view.rgb
+        network = self._depth_network or DepthNetwork()
+        self._depth_network = network
+        depth_m, uncertainty = network.estimate(rgb, lens, view.T_world_camera, view.floor_z_m).for_maps()
+        size = view.camera.width_px, view.camera.height_px
+        depth_m = np.asarray(cv2.resize(depth_m, size, interpolation=cv2.INTER_NEAREST), np.float32)
+        return replace(view, depth_m=depth_m, depth_source="network", depth_uncertainty=uncertainty)
 
     def _said(self, camera: str, pose: Pose) -> Pose:
         """Where a camera says that a view was taken from."""

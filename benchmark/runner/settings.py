@@ -32,8 +32,8 @@ class RunSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
         delay_steps: so many actions after its invocation a camera's views arrive.
         views_per_step: how many camera views are looked at between two actions, as measured in the running system on two
             cores; 0: all of them before the first action.
-        camera_depth: ``sensor``: with a sensor's noise; ``none``: cameras have no depth; ``estimate-5`` and ``estimate-15``:
-            estimated, with an error of so many percent (``play.depth_error``).
+        camera_depth: ``sensor``: with a sensor's noise; ``network``: estimated by our depth network; ``none``: cameras have no
+            depth; ``estimate-5``, ``estimate-15``: estimated, with an error of so many percent (``play.depth_error``).
         camera_error_m, camera_error_deg: how wrong each camera is about where it hangs and looks.
         detectors: the weights of ``onnx-coco``; empty: its own choice.
         fusion, planning: settings of the joint maps and of the planner's core to change, by name.

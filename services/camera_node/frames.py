@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import cv2
 import msgspec
 
-from surveilnav.messages import CaptureClock, DepthSource, PayloadPart
+from surveilnav.messages import MEASURED, CaptureClock, DepthSource, DepthUncertainty, PayloadPart
 from surveilnav.sensing.packing import encode_jpeg, encode_rgbd
 from surveilnav.services.camera_node.config import CameraSettings
 from surveilnav.services.camera_node.core.sending import thumbnail_width_px
@@ -22,7 +22,7 @@ _THUMBNAIL_QUALITY = 80
 class EncodedFrame:
     """One version of a view: ``payload`` is the encoded colour, then depth, as ``image`` and ``depth`` describe them.
 
-    ``captured_ns``, ``clock``, ``depth_source`` and ``depth_sigma`` are those of its ``Picture``.
+    ``captured_ns``, ``clock``, ``depth_source`` and ``depth_uncertainty`` are those of its ``Picture``.
     """
 
     version: int
@@ -32,7 +32,7 @@ class EncodedFrame:
     captured_ns: int = 0
     clock: CaptureClock = "arrival"
     depth_source: DepthSource = "sensor"
-    depth_sigma: float = 0.0
+    depth_uncertainty: DepthUncertainty = MEASURED
 
 
 class FrameEncoder:
@@ -67,7 +67,7 @@ class FrameEncoder:
             picture.captured_ns,
             picture.clock,
             picture.depth_source,
-            picture.depth_sigma,
+            picture.depth_uncertainty,
         )
 
     def thumbnail(self, view: int, requested_px: int) -> bytes:

@@ -42,5 +42,5 @@ def frame_header(source: Source, view: int, seq: int, frame: EncodedFrame, *, no
         depth=frame.depth,
         clock=frame.clock,
         depth_source=frame.depth_source,
-        depth_sigma=frame.depth_sigma,
+        depth_uncertainty=frame.depth_uncertainty,
     )

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surveilnav.geometry import Pinhole, Pose
-from surveilnav.messages import CaptureClock, DepthSource, StreamStatus
+from surveilnav.messages import MEASURED, CaptureClock, DepthSource, DepthUncertainty, StreamStatus
 from surveilnav.sensing.views import TrueInstances
 
 #: Whether pictures come with depth.
@@ -42,7 +42,7 @@ class Picture:
         truth: which instance each pixel shows. Only simulated cameras know; None for a real one.
         captured_ns: time of capture [ns since 1970]; 0: it shows the present, whenever it is asked for.
         clock: how that time is known.
-        depth_source: where ``depth_m`` comes from. ``depth_sigma``: see ``FrameHeader``.
+        depth_source: where ``depth_m`` comes from. ``depth_uncertainty``: see ``FrameHeader``.
     """
 
     version: int
@@ -52,7 +52,7 @@ class Picture:
     captured_ns: int = 0
     clock: CaptureClock = "arrival"
     depth_source: DepthSource = "sensor"
-    depth_sigma: float = 0.0
+    depth_uncertainty: DepthUncertainty = MEASURED
 
 
 class Source(Protocol):

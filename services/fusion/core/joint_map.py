@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surveilnav.geometry import Grid
+from surveilnav.messages import DepthUncertainty
 from surveilnav.messages.maps import LAYERS, ObjectRecord
 from surveilnav.sensing.views import PosedView, ViewPerception
 from surveilnav.services.fusion.core.config import FusionConfig
@@ -133,8 +134,8 @@ class JointMap:
             return view
         fit = fit_floor(view, self.config.estimated_depth)
         if fit is None:
-            return replace(view, depth_m=np.zeros_like(view.depth_m), depth_source="none", depth_sigma=0.0)
-        return replace(view, depth_m=fit.depth_m, depth_sigma=fit.sigma)
+            return replace(view, depth_m=np.zeros_like(view.depth_m), depth_source="none")
+        return replace(view, depth_m=fit.depth_m, depth_uncertainty=DepthUncertainty(fit.sigma))
 
     def _add_geometry(self, view: PosedView) -> _AddedGeometry:
         """Adds a new picture to the maps of its floor: of obstacles and exploration, and if measured to the point cloud.
@@ -151,7 +152,7 @@ class JointMap:
             if view.depth_source == "sensor":
                 n_points, ranges_m = maps.geometry.integrate(view)
             else:
-                n_points, ranges_m = maps.geometry.integrate_estimated(view, view.depth_sigma)
+                n_points, ranges_m = maps.geometry.integrate_estimated(view, view.depth_uncertainty.sigma)
         except ValueError as error:
             self._forget_if_new(maps)
             raise ViewError("out_of_map", str(error)) from error

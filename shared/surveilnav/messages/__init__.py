@@ -53,10 +53,11 @@ from surveilnav.messages.recording import (
 )
 from surveilnav.messages.robot import ACTIONS, Command, CommandReply, Halt, HaltReply, Observation, RobotStatus, Stair
 from surveilnav.messages.truth import Judged, Truth
-from surveilnav.messages.view import CaptureClock, DepthSource, FrameHeader, PayloadPart
+from surveilnav.messages.view import MEASURED, CaptureClock, DepthSource, DepthUncertainty, FrameHeader, PayloadPart
 from surveilnav.mission_states import FINISHED_STATES
 
 __all__ = [
+    "MEASURED",
     "ACTIONS",
     "LAYERS",
     "FASTEST_REPLAY",
@@ -75,6 +76,7 @@ __all__ = [
     "Command",
     "CommandReply",
     "DepthSource",
+    "DepthUncertainty",
     "Detection",
     "ErrorReply",
     "ForgetPictures",

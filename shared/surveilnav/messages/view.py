@@ -22,6 +22,22 @@ class PayloadPart(msgspec.Struct, frozen=True):
     n_bytes: int
 
 
+class DepthUncertainty(msgspec.Struct, frozen=True):
+    """How uncertain an estimated depth is, as standard deviations of its logarithm (0.1: about 10 %).
+
+    Attributes:
+        scale_sigma: of a factor that all depths of a picture have in common.
+        sigma: of what remains, which differs across the picture.
+    """
+
+    sigma: float = 0.0
+    scale_sigma: float = 0.0
+
+
+#: Of depth that a sensor measured, whose noise is known otherwise.
+MEASURED = DepthUncertainty()
+
+
 class FrameHeader(Message, frozen=True, kw_only=True):
     """Describes an RGB-D picture; the payload is ``image``, then ``depth``.
 
@@ -36,7 +52,7 @@ class FrameHeader(Message, frozen=True, kw_only=True):
         depth_range_m: (nearest, farthest) depth that it measures.
         clock: how the time of capture is known, which ``stamp_ns`` is.
         depth_source: where its depth comes from; "none": no pixel has one.
-        depth_sigma: of an estimated depth, the standard deviation of its logarithm, about that of its relative error.
+        depth_uncertainty: of an estimated depth.
     """
 
     source: str
@@ -51,4 +67,4 @@ class FrameHeader(Message, frozen=True, kw_only=True):
     depth: PayloadPart
     clock: CaptureClock = "arrival"
     depth_source: DepthSource = "sensor"
-    depth_sigma: float = 0.0
+    depth_uncertainty: DepthUncertainty = MEASURED

@@ -84,8 +84,9 @@ def decode_frame(header: FrameHeader, payload: bytes) -> PosedView:
         raise WireError(f"view and seq count from 0, got {header.view} and {header.seq}")
     if not (math.isfinite(header.mounting_offset_m) and abs(header.mounting_offset_m) < 100):
         raise WireError(f"the mounting offset must be a height in metres, got {header.mounting_offset_m}")
-    if not 0.0 <= header.depth_sigma <= 1.0:
-        raise WireError(f"depth_sigma is a relative error from 0 to 1, got {header.depth_sigma}")
+    uncertainty = header.depth_uncertainty
+    if not (0.0 <= uncertainty.sigma <= 1.0 and 0.0 <= uncertainty.scale_sigma <= 1.0):
+        raise WireError(f"a depth's uncertainty is given by standard deviations from 0 to 1, got {uncertainty}")
     if not all(math.isfinite(v) and abs(v) < 1e6 for v in header.T_world_camera.translation_m):
         raise WireError(f"the camera's position must be finite metres, got {header.T_world_camera.translation_m}")
     rgb, depth_m = decode_rgbd(payload, header.image, header.depth, header.camera, header.depth_range_m)
@@ -102,7 +103,7 @@ def decode_frame(header: FrameHeader, payload: bytes) -> PosedView:
         depth_m=depth_m,
         depth_range_m=header.depth_range_m,
         depth_source=header.depth_source,
-        depth_sigma=header.depth_sigma,
+        depth_uncertainty=uncertainty,
     )
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surveilnav.geometry import Matrix4, Pinhole
-from surveilnav.messages.view import DepthSource
+from surveilnav.messages.view import MEASURED, DepthSource, DepthUncertainty
 
 #: In steeper views detectors recognise nothing: they weren't trained on objects seen from above.
 _MAX_DOWN_RAD = math.radians(75.0)
@@ -35,7 +35,7 @@ class PosedView:
         depth_m: (height, width) float32 [m] along the optical axis; 0 or NaN where there is none.
         depth_range_m: (nearest, farthest) depth that the sensor measures.
         depth_source: where the depth comes from; "none": no pixel has one.
-        depth_sigma: of an estimated depth, the standard deviation of its logarithm, about that of its relative error.
+        depth_uncertainty: of an estimated depth.
     """
 
     source: str
@@ -50,7 +50,7 @@ class PosedView:
     depth_m: NDArray[np.float32]
     depth_range_m: tuple[float, float]
     depth_source: DepthSource = "sensor"
-    depth_sigma: float = 0.0
+    depth_uncertainty: DepthUncertainty = MEASURED
 
     @property
     def is_robot(self) -> bool:

@@ -107,7 +107,7 @@ def _locate_by_estimated_depth(
     p_camera = view.T_world_camera[:2, 3]
     away = np.median(points.p_world[:, :2], axis=0) - p_camera
     horizontal_m = float(np.linalg.norm(away))
-    along_m = view.depth_sigma * points.range_m
+    along_m = view.depth_uncertainty.sigma * points.range_m
     if horizontal_m < 1e-3 or along_m > config.foot_point.max_sigma_m:
         return None
     return EstimatedPlace.along_ray(points.p_world, away / horizontal_m, along_m, horizontal_m, config.foot_point)

@@ -23,6 +23,8 @@ _CELLS = 96  # samples across a picture
 _BIN = 0.02
 _LOG_RATIOS = np.arange(-0.8, 0.6001, _BIN)
 _ROUNDS = 4
+#: A factor that is less likely than this is no error of scale: what looks like floor is something else.
+_MAX_SCALE_SIGMAS = 3.0
 _LEAST_SIGMA = 0.005
 #: Degree in (u, v) of the smooth field; one number fewer than a 4 x 4 grid has, and steadier where no floor is seen.
 _DEGREE = 3
@@ -67,10 +69,10 @@ def fit_floor(view: PosedView, config: EstimatedDepthConfig) -> FloorFit | None:
     if len(v) < config.min_floor_samples:
         return None
     log_ratio = np.log(sampled[v, u] / floor[v, u]).astype(np.float64)
-    scale = _floor_scale(log_ratio, view.depth_sigma, config)
+    scale = _floor_scale(log_ratio, view.depth_uncertainty.scale_sigma, config)
     if scale is None:
         return None
-    warp_sigma = max(_LEAST_SIGMA, min(config.warp_sigma, view.depth_sigma))
+    warp_sigma = max(_LEAST_SIGMA, min(config.warp_sigma, view.depth_uncertainty.sigma))
     basis = _basis(v * step / height_px, u * step / width_px)
     inliers = np.abs(log_ratio - scale) < 2.0 * warp_sigma
     for _ in range(_ROUNDS):
@@ -87,7 +89,7 @@ def fit_floor(view: PosedView, config: EstimatedDepthConfig) -> FloorFit | None:
     rows, cols = np.mgrid[0:height_px, 0:width_px].astype(np.float32) / step
     field = cv2.remap(coarse, cols, rows, cv2.INTER_LINEAR)
     depth_m, is_floor = _corrected(view, floor_m, field, config)
-    return FloorFit(depth_m, is_floor, warp_sigma, share)
+    return FloorFit(depth_m, is_floor, max(_LEAST_SIGMA, view.depth_uncertainty.sigma), share)
 
 
 def _floor_scale(log_ratio: NDArray[np.float64], sigma: float, config: EstimatedDepthConfig) -> float | None:
@@ -97,12 +99,14 @@ def _floor_scale(log_ratio: NDArray[np.float64], sigma: float, config: Estimated
     kernel = np.exp(-0.5 * (np.arange(-3 * spread, 3 * spread + 1) / spread) ** 2)
     smooth = np.convolve(counts, kernel / kernel.sum(), mode="same")
     middles = (_LOG_RATIOS[:-1] + _LOG_RATIOS[1:]) / 2
-    prior = np.exp(-0.5 * (middles / math.hypot(sigma, 0.02)) ** 2)
+    prior = np.exp(-0.5 * (middles / math.hypot(sigma, _BIN)) ** 2)
     likely = smooth * prior
     peaks = np.flatnonzero((likely[1:-1] >= likely[:-2]) & (likely[1:-1] > likely[2:])) + 1
     if not len(peaks):
         return None
     peak = float(middles[peaks[likely[peaks] >= config.floor_peak * likely[peaks].max()][-1]])
+    if abs(peak) > _MAX_SCALE_SIGMAS * math.hypot(sigma, _BIN):
+        return None
     return float(np.median(log_ratio[np.abs(log_ratio - peak) <= 2 * _BIN]))
 
 

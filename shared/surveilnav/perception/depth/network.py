@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from surveilnav.errors import PerceptionError
 from surveilnav.geometry import Matrix4, Pinhole
+from surveilnav.messages import DepthUncertainty
 from surveilnav.perception.depth.reference import FARTHEST_M, reference_channels, reference_depth
 from surveilnav.perception.detectors.onnx_file import open_session
 from surveilnav.perception.runtime import Runtime
@@ -26,6 +27,10 @@ _SIDE_PX, _MULTIPLE_PX, _OUTPUT_STRIDE = 256, 32, 2
 _FLOOR_CHANCE = 0.5
 #: Beyond this uncertainty, and beyond ``FARTHEST_M``, depth is unknown.
 MAX_SIGMA_LOG = 0.6
+#: Depth that is more uncertain than this isn't put into maps.
+MAX_MAPPED_SIGMA_LOG = 0.3
+#: The scale comes from the pose; it is as wrong as a height of 2 m that was measured to 5 cm.
+SCALE_SIGMA = 0.03
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,6 +46,13 @@ class DepthEstimate:
     depth_m: NDArray[np.float32]
     sigma_log: NDArray[np.float32]
     floor: NDArray[np.float32]
+
+    def for_maps(self) -> tuple[NDArray[np.float32], DepthUncertainty]:
+        """(depth (H, W) [m], 0 where it is too uncertain to be mapped; how uncertain the rest is beside the floor)."""
+        used = (self.depth_m > 0) & (self.sigma_log <= MAX_MAPPED_SIGMA_LOG)
+        things = self.sigma_log[used & (self.floor <= _FLOOR_CHANCE)]
+        sigma = float(np.median(things)) if things.size else MAX_MAPPED_SIGMA_LOG
+        return np.where(used, self.depth_m, np.float32(0.0)), DepthUncertainty(sigma, SCALE_SIGMA)
 
 
 class DepthNetwork:

@@ -28,7 +28,9 @@ def at(joint, name, x, y, margin_m=0.0):
 def estimated(world, seed=0, error=ERROR, yaw=0.0, **where):
     more = {"height": 2.3, "source": "camera/c", "camera": LENS, "seq": seed + 1} | where
     view = world.view(0.3, 2.0, yaw, -0.5, **more)
-    return replace(view, depth_m=error.apply(view.depth_m, seed), depth_source="network", depth_sigma=error.sigma)
+    return replace(
+        view, depth_m=error.apply(view.depth_m, seed), depth_source="network", depth_uncertainty=error.uncertainty
+    )
 
 
 @pytest.fixture

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from surveilnav.benchmark.play.depth_error import DepthError
 from surveilnav.geometry import Pinhole, camera_pose
+from surveilnav.messages import DepthUncertainty
 from surveilnav.services.fusion.core.config import EstimatedDepthConfig
 from surveilnav.services.fusion.core.views.floor_fit import fit_floor, floor_depth_m
 
@@ -32,7 +33,7 @@ def estimated(world, error: DepthError, seed: int, pitch: float = -0.5):
     """(a camera's view with wrong depth, its true depth)."""
     view = world.view(0.3, 2.0, 0.0, pitch, height=2.3, source="camera/c", camera=LENS)
     return replace(
-        view, depth_m=error.apply(view.depth_m, seed), depth_source="network", depth_sigma=error.sigma
+        view, depth_m=error.apply(view.depth_m, seed), depth_source="network", depth_uncertainty=error.uncertainty
     ), view.depth_m
 
 
@@ -91,7 +92,7 @@ def test_a_low_bed_that_fills_the_view_is_not_the_floor_of_a_network_that_knows_
     """The bed's top is at 0.75 of the floor's depth: too far off for an error of 5 %."""
     world.boxes["bed"] = ((0.9, 0.0, 0.0), (3.2, 4.0, 0.575))
     view, _ = estimated(world, DepthError(0.0, 0.0), 0, pitch=-0.7)
-    fit = fit_floor(replace(view, depth_sigma=0.05), CONFIG)
+    fit = fit_floor(replace(view, depth_uncertainty=DepthUncertainty(0.05, 0.05)), CONFIG)
     assert fit is not None
     on_bed = view.depth_m < 0.9 * floor_depth_m(view.camera, view.T_world_camera, 0.0)
     assert fit.is_floor[on_bed].mean() < 0.05
