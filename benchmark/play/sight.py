@@ -40,7 +40,7 @@ from surveilnav.sensing.packing import (
     unpack_embedding,
 )
 from surveilnav.sensing.replies import perception_from_wire, perception_to_wire
-from surveilnav.sensing.views import PosedView, TrueInstances, ViewPerception, looks_straight_down
+from surveilnav.sensing.views import PosedView, TrueInstances, ViewPerception, looks_straight_down, measured_depth_m
 from surveilnav.services.camera_node.core.summary import ViewLabels, build_summary, merge_labels
 from surveilnav.services.robot_node.bodies.body import Observation
 from surveilnav.services.robot_node.observation import encode as encode_observation
@@ -327,7 +327,8 @@ class Sight:
             return None
         told = TrueInstances(rendered.instance_ids, self._labels, view.T_world_camera)
         truth = told if self.backend.needs_truth else None
-        seen = self.backend.perceive(view.rgb, view.depth_m, view.camera, prompts=self._words, truth=truth, key=key)
+        depth_m = measured_depth_m(view.depth_m, view.depth_source)
+        seen = self.backend.perceive(view.rgb, depth_m, view.camera, prompts=self._words, truth=truth, key=key)
         return _as_sent(seen, view, self.backend.models)
 
     def _depth(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
@@ -17,6 +19,10 @@ class CameraSettings(BaseSettings):
         "", description="the file of real cameras (cameras.yaml); empty: a camera of the simulated building"
     )
     id: str = Field("", description="name of a camera of the file or the plan; empty: lease any free one")
+    depth: Literal["network", "none"] = Field(
+        "network",
+        description="depth of a real camera's pictures: `network` estimates it from the camera's pose; `none`: they have none",
+    )
     max_age_s: float = Field(5.0, gt=0, description="a real camera's picture that is older doesn't count")
     jpeg_quality: int = Field(85, ge=10, le=100, description="JPEG quality of the frames it sends")
     thumbnail_width_px: int = Field(480, ge=64, le=1280, description="width of the pictures shown to people")

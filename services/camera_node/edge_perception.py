@@ -22,7 +22,7 @@ from surveilnav.contract import CAMERA_SUMMARY
 from surveilnav.errors import BusError, PerceptionError
 from surveilnav.perception import models
 from surveilnav.perception.backend import Backend
-from surveilnav.sensing.views import looks_straight_down
+from surveilnav.sensing.views import looks_straight_down, measured_depth_m
 from surveilnav.services.camera_node.config import CameraSettings
 from surveilnav.services.camera_node.core import summary
 from surveilnav.services.camera_node.result_cache import ResultCache
@@ -150,7 +150,8 @@ class EdgePerception:
         picture = self._source.latest(view)
         truth = picture.truth if backend.needs_truth else None  # a real backend is never given the truth
         key = (f"camera/{self._source.place.name}", view, picture.version + 1)
-        perception = backend.perceive(picture.rgb, picture.depth_m, self._source.intrinsics, truth=truth, key=key)
+        depth_m = measured_depth_m(picture.depth_m, picture.depth_source)
+        perception = backend.perceive(picture.rgb, depth_m, self._source.intrinsics, truth=truth, key=key)
         labels: dict[str, float] = {}
         for found in perception.detections:
             labels[found.label] = max(float(found.confidence), labels.get(found.label, 0.0))

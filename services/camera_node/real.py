@@ -10,9 +10,11 @@ import structlog
 
 from surveilnav.bus import BusSettings, Node
 from surveilnav.bus.main import exit_on_sigterm
-from surveilnav.cameras_file import CamerasFile, load_cameras
+from surveilnav.cameras_file import CameraEntry, CamerasFile, load_cameras
 from surveilnav.cameras_file.urls import shown
 from surveilnav.errors import ConfigError
+from surveilnav.perception.depth.network import DepthNetwork
+from surveilnav.perception.depth.reference import LOWEST_M
 from surveilnav.services.camera_node.config import CameraSettings
 from surveilnav.services.camera_node.service import CameraService
 from surveilnav.services.camera_node.sources.readers.choose import choose_reader
@@ -59,7 +61,12 @@ def _run(watched: _WatchedFile, name: str, node: Node, settings: CameraSettings)
     try:
         make_reader()
         source = StreamSource(
-            entry, file.floors[entry.floor].z_m, make_reader, settings.max_age_s, lambda text: node.log.warning(text)
+            entry,
+            file.floors[entry.floor].z_m,
+            make_reader,
+            settings.max_age_s,
+            lambda text: node.log.warning(text),
+            _depth_network(settings, entry, file.floors[entry.floor].z_m),
         )
     except (ValueError, ConfigError) as error:
         raise ConfigError(f"{file.path}: camera {entry.name}: {error}") from None
@@ -79,6 +86,13 @@ def _run(watched: _WatchedFile, name: str, node: Node, settings: CameraSettings)
     finally:
         source.close()
     return watcher.has_changed
+
+
+def _depth_network(settings: CameraSettings, entry: CameraEntry, floor_z_m: float) -> DepthNetwork | None:
+    """The network that estimates the camera's depth; None if it isn't wanted, or if the camera hangs too low for it."""
+    if settings.depth == "none" or entry.position_m[2] - floor_z_m < LOWEST_M:
+        return None
+    return DepthNetwork()
 
 
 class _EntryWatcher:

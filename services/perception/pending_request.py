@@ -15,6 +15,7 @@ from surveilnav.messages import InferRequest
 from surveilnav.perception.backend import ViewTask
 from surveilnav.perception.protocols import RgbdView
 from surveilnav.sensing.packing import decode_rgbd
+from surveilnav.sensing.views import measured_depth_m
 from surveilnav.services.perception.core.queue import Job
 from surveilnav.services.perception.core.refusal import Refusal
 from surveilnav.services.perception.truth_channel import TruthLoader
@@ -70,7 +71,9 @@ class PendingRequest:
         assert r.depth is not None, "check_view() was called before"
         rgb, depth_m = decode_rgbd(self.payload, r.image, r.depth, r.camera, r.depth_range_m)
         truth = self.load_truth() if self.load_truth is not None else None
-        self.task = ViewTask(RgbdView(rgb, depth_m, r.camera), r.prompts, truth, self.view_key)
+        self.task = ViewTask(
+            RgbdView(rgb, measured_depth_m(depth_m, r.depth_source), r.camera), r.prompts, truth, self.view_key
+        )
         self.payload = b""
 
     def refuse(self, error: Exception) -> None:

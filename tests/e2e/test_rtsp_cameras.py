@@ -12,9 +12,10 @@ import pytest
 
 from surveilnav.bus.router import free_port
 from surveilnav.client import Client
-from surveilnav.contract import CAMERA_INFO, OBJECTS
+from surveilnav.contract import CAMERA_INFO, MAP_LAYER, OBJECTS
 from surveilnav.errors import GatewayError
 from surveilnav.messages import FINISHED_STATES, CameraInfo, ObjectRecord
+from surveilnav.sensing.packing import unpack_array
 from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings
 from tests import rendered_streams, streams
 from tests.e2e.conftest import System, starting
@@ -59,16 +60,28 @@ def objects_of_cameras(system: System) -> list[ObjectRecord]:
     return [o for o in found if any(source.startswith("camera/") for source in o.sources)]
 
 
+def explored_by_estimate(system: System) -> int:
+    """Cells near the camera, where the robot never was, that are explored."""
+    camera = system.building.plan.camera("c0-1")
+    assert camera is not None
+    layer = system.node.ask(MAP_LAYER, floor="0", layer="explored")
+    explored = unpack_array(layer.payload, layer.message.dtype, layer.message.shape)
+    rows, cols = np.nonzero(explored)
+    centres = layer.message.grid.centres_of(np.stack([rows, cols], axis=-1))
+    return int((np.linalg.norm(centres - camera.position_m[:2], axis=1) < 2.5).sum())
+
+
 @pytest.mark.slow
 def test_a_mission_over_streams_succeeds_and_a_camera_adds_to_its_maps(streamed: Streamed) -> None:
     s = streamed.system
     for camera in ("c0-1v8", "c0-1v2"):
         info = until(lambda camera=camera: _live(s, camera), "its stream never came to life", timeout_s=30.0)
-        assert info.tier == "jpeg"
+        assert info.tier == "jpeg+depth"
     s.search("tv", mission="over-streams")
     ended = s.wait(lambda m: m.state in FINISHED_STATES, 240, "over-streams")
     assert (ended.state, ended.found) == ("done", True), ended
     until(lambda: objects_of_cameras(s), "no camera's stream gave an object", timeout_s=30.0)
+    assert explored_by_estimate(s) > 100
 
 
 @pytest.mark.slow

@@ -16,6 +16,7 @@ from surveilnav.cameras_file.views import views_of
 from surveilnav.geometry import Pose
 from surveilnav.geometry.polygon import pixels_in
 from surveilnav.messages import StreamStatus
+from surveilnav.perception.depth.network import DepthNetwork
 from surveilnav.services.camera_node.core.change import ChangeDetector
 from surveilnav.services.camera_node.core.shift import ShiftDetector
 from surveilnav.services.camera_node.core.stream_health import FrameStatistics, StreamHealth
@@ -37,6 +38,7 @@ class StreamSource:
         floor_z_m: altitude of its floor in the building's frame.
         make_reader: makes a new reader of its stream.
         max_age_s: older pictures don't count.
+        depth_network: estimates the views' depth; None: they have none.
         log: gets one line when the stream is lost and one when it is back.
 
     Raises:
@@ -44,7 +46,6 @@ class StreamSource:
     """
 
     depth_range_m = (0.1, 100.0)
-    tier: Tier = "jpeg"
 
     def __init__(
         self,
@@ -53,14 +54,17 @@ class StreamSource:
         make_reader: Callable[[], FrameReader],
         max_age_s: float = 5.0,
         log: Callable[[str], None] = lambda _: None,
+        depth_network: DepthNetwork | None = None,
     ) -> None:
+        self.tier: Tier = "jpeg" if depth_network is None else "jpeg+depth"
+        self._depth_network, self._floor_z_m = depth_network, floor_z_m
         made = views_of(entry)
         self.place = Place(entry.name, entry.floor, entry.position_m, entry.position_m[2] - floor_z_m, entry.label)
         self.views: Sequence[Pose] = made.poses
         self.intrinsics, self._undistortions = made.intrinsics, made.undistortions
         self._make_reader, self._max_age_s, self._log = make_reader, max_age_s, log
         self._size_px = entry.lens.width_px, entry.lens.height_px
-        self._zones = pixels_in(entry.zones, *self._size_px) if entry.zones else None
+        self._zones = pixels_in(entry.zones, *self._size_px)
         self._changes = ChangeDetector()
         self._shift = ShiftDetector(entry.lens.lens().hfov_rad)
         self._health = StreamHealth()
@@ -107,7 +111,7 @@ class StreamSource:
         return self._version if self._version and self._health.state == "live" else None
 
     def latest(self, view: int) -> Picture:
-        """The view that is made of the newest picture that was worth sending, without depth."""
+        """The view that is made of the newest picture that was worth sending."""
         with self._lock:
             frame, version, made = self._newest, self._version, self._pictures.get(view)
         if frame is None:
@@ -124,10 +128,15 @@ class StreamSource:
 
     def _picture(self, view: int, frame: CapturedFrame, version: int) -> Picture:
         undistortion = self._undistortions[view]
-        depth_m = np.zeros((undistortion.view.height_px, undistortion.view.width_px), np.float32)
-        return Picture(
-            version, undistortion.picture(frame.rgb), depth_m, None, frame.captured_ns, frame.clock, depth_source="none"
-        )
+        rgb = undistortion.picture(frame.rgb)
+        if self._depth_network is None:
+            depth_m = np.zeros(rgb.shape[:2], np.float32)
+            return Picture(version, rgb, depth_m, None, frame.captured_ns, frame.clock, depth_source="none")
+        T_world_view = self.views[view].matrix()
+        estimate = self._depth_network.estimate(rgb, self.intrinsics, T_world_view, self._floor_z_m)
+        depth_m, uncertainty = estimate.for_maps()
+        depth_m[undistortion.mask(self._zones)] = 0.0
+        return Picture(version, rgb, depth_m, None, frame.captured_ns, frame.clock, "network", uncertainty)
 
     # --- the reading thread -------------------------------------------------------------------------------------
 
@@ -180,7 +189,7 @@ class StreamSource:
         return f"its picture is shifted by {math.degrees(self._shift.shift_rad):.1f} degrees: calibrate it anew, or turn it back"
 
     def _without_zones(self, rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        if self._zones is None:
+        if not self._zones.any():
             return rgb
         return np.where(self._zones[..., None], np.uint8(0), rgb)
 

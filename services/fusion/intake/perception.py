@@ -205,6 +205,7 @@ class PerceptionClient:
             image=header.image,
             depth=header.depth,
             depth_range_m=header.depth_range_m,
+            depth_source=header.depth_source,
             prompts=list(words),
             detects=bool(words) or not self._workers.needs_words,
             deadline_ms=int(900 * timeout_s),

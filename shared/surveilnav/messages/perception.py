@@ -6,7 +6,7 @@ import msgspec
 
 from surveilnav.geometry import Pinhole
 from surveilnav.messages.base import Message
-from surveilnav.messages.view import PayloadPart
+from surveilnav.messages.view import DepthSource, PayloadPart
 
 
 class InferRequest(Message, frozen=True, kw_only=True):
@@ -15,6 +15,7 @@ class InferRequest(Message, frozen=True, kw_only=True):
     Attributes:
         source, view, seq: identify the view.
         camera, image, depth, depth_range_m: describe the payload, which is the encoded image, then depth, as in a frame.
+        depth_source: where the depth comes from; detectors use only what a sensor measured.
         prompts: words that an open-vocabulary detector should look for; closed-set detectors ignore them.
         texts: texts to embed. Such a request has no view and no payload.
         deadline_ms: the worker refuses the request if it can't answer within this time after it arrived.
@@ -30,6 +31,7 @@ class InferRequest(Message, frozen=True, kw_only=True):
     image: PayloadPart | None = None
     depth: PayloadPart | None = None
     depth_range_m: tuple[float, float] = (0.0, 0.0)
+    depth_source: DepthSource = "sensor"
     prompts: list[str] = []
     texts: list[str] = []
     deadline_ms: int = 30_000

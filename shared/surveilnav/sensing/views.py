@@ -123,6 +123,15 @@ class TrueInstances:
     T_world_camera: Matrix4 | None = None
 
 
+def measured_depth_m(depth_m: NDArray[np.float32], source: DepthSource) -> NDArray[np.float32]:
+    """The depth (H, W) [m] that detectors may use: none (0) where it is only estimated.
+
+    Detectors learnt from measured depth. With estimated depth, ``compact`` finds less than with none
+    (docs/results/real_cameras.md).
+    """
+    return depth_m if source == "sensor" else np.zeros_like(depth_m)
+
+
 def box_cells(box_px: tuple[float, float, float, float], width_px: int, height_px: int) -> tuple[int, int, int, int]:
     """The box (x0, y0, x1, y1) rounded outwards to whole pixels and clipped to the picture, for slices ``[y0:y1, x0:x1]``."""
     x0, y0, x1, y1 = box_px

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from surveilnav.cameras_file import CameraEntry
+from surveilnav.perception.depth.network import DepthEstimate
 from surveilnav.services.camera_node.sources.readers.reader import CapturedFrame, StreamError
 from surveilnav.services.camera_node.sources.stream import StreamSource
 from tests import streams
@@ -57,7 +58,9 @@ class ScriptedReader:
 def start() -> Iterator[Callable[..., StreamSource]]:
     sources: list[StreamSource] = []
 
-    def make(*scripts: list[object], log: list[str] | None = None, **entry: object) -> StreamSource:
+    def make(
+        *scripts: list[object], log: list[str] | None = None, network: object = None, **entry: object
+    ) -> StreamSource:
         readers = iter([ScriptedReader(iter(script)) for script in scripts])
         last = ScriptedReader(iter([]))
         source = StreamSource(
@@ -65,6 +68,7 @@ def start() -> Iterator[Callable[..., StreamSource]]:
             0.0,
             lambda: next(readers, last),
             log=(log if log is not None else []).append,
+            depth_network=network,  # type: ignore[arg-type]
         )
         sources.append(source)
         source.start()
@@ -149,3 +153,37 @@ def test_a_stream_without_a_picture_has_no_version(start, tmp_path: Path) -> Non
     assert source.version(0) is None
     with pytest.raises(LookupError):
         source.latest(0)
+
+
+class ScriptedNetwork:
+    """A depth network that finds everything at two metres, and is unsure of the right half."""
+
+    def estimate(self, rgb, camera, T_world_camera, floor_z_m):  # type: ignore[no-untyped-def]
+        self.asked = rgb.shape, camera.width_px, T_world_camera[2, 3], floor_z_m
+        depth_m, sigma = np.full(rgb.shape[:2], 2.0, np.float32), np.full(rgb.shape[:2], 0.1, np.float32)
+        sigma[:, 160:] = 0.5
+        return DepthEstimate(depth_m, sigma, np.zeros_like(depth_m))
+
+
+def test_depth_is_estimated_but_not_in_zones_and_not_where_it_is_unsure(start) -> None:  # type: ignore[no-untyped-def]
+    network = ScriptedNetwork()
+    source = start([streams.room(1)], network=network, zones=[[(0, 0), (0.25, 0), (0.25, 1), (0, 1)]])
+    until(lambda: source.version(0))
+    picture = source.latest(0)
+    assert (source.tier, picture.depth_source) == ("jpeg+depth", "network")
+    assert picture.depth_uncertainty.sigma == pytest.approx(0.1)
+    assert (picture.depth_m[:, 85:160] == 2.0).all()
+    assert not picture.depth_m[:, :80].any()
+    assert not picture.depth_m[:, 160:].any()
+    assert network.asked == ((240, 320, 3), 320, 2.6, 0.0)
+
+
+def test_a_camera_that_was_turned_is_named_and_sends_nothing_more(start) -> None:  # type: ignore[no-untyped-def]
+    from surveilnav.services.camera_node.core import shift
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(shift, "_PERIOD_S", 0.0)
+        source = start([streams.room(t) for t in range(20)] + [np.roll(streams.room(t), 25, axis=1) for t in range(60)])
+        until(lambda: source.health.state == "moved")
+    assert source.version(0) is None
+    assert "calibrate it anew" in source.health.reason
