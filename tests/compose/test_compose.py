@@ -2,47 +2,33 @@
 
 from __future__ import annotations
 
-import json
-import os
-import shutil
-import socket
-import subprocess
 import time
-import uuid
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import httpx
 import pytest
 
-_ROOT = Path(__file__).parents[2]
+from tests.compose.stack import MISSION_S, UP_S, Stack, missing
+
 _CAMERAS = 3
-_UP_S, _MISSION_S = 1200, 300
-_FINISHED = ("done", "failed", "cancelled")
-
-
-def _missing() -> str:
-    """Why there is no engine to test on; empty if there is one."""
-    if shutil.which("docker") is None:
-        return "no docker command: install Docker Engine with Compose v2"
-    for command in (["docker", "info"], ["docker", "compose", "version"]):
-        done = subprocess.run(command, capture_output=True, text=True, timeout=60)
-        if done.returncode:
-            said = (done.stderr or done.stdout).strip().splitlines() or ["no answer"]
-            return f"`{' '.join(command)}` fails: {said[-1]}"
-    return ""
 
 
 @pytest.fixture(scope="module")
 def stack(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stack]:
-    if missing := _missing():
-        pytest.skip(f"no Docker engine with Compose v2 here ({missing})")
-    stack = Stack(tmp_path_factory.mktemp("models"))
+    if why := missing():
+        pytest.skip(f"no Docker engine with Compose v2 here ({why})")
+    stack = Stack(
+        tmp_path_factory.mktemp("models"),
+        SURVEILNAV_SIM__BUILDING="parametric_flat",
+        SURVEILNAV_SIM__SEED="0",
+        SURVEILNAV_SIM__CAMERAS=str(_CAMERAS),
+        SURVEILNAV_PERCEPTION__BACKEND="oracle",
+    )
     try:
-        stack.compose("build", timeout_s=_UP_S)
+        stack.compose("build", timeout_s=UP_S)
         try:
-            stack.compose("up", "--wait", "--scale", f"camera={_CAMERAS}", timeout_s=_UP_S)
+            stack.compose("up", "--wait", "--scale", f"camera={_CAMERAS}", timeout_s=UP_S)
         except AssertionError as error:
             raise AssertionError(f"{error}\n{stack.state()}") from None
         yield stack
@@ -50,59 +36,7 @@ def stack(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stack]:
         stack.compose("down", "--volumes", "--remove-orphans", "--timeout", "5", timeout_s=120)
 
 
-class Stack:
-    """``docker compose`` with a project, a port and settings of its own."""
-
-    def __init__(self, models: Path) -> None:
-        with socket.create_server(("127.0.0.1", 0)) as server:
-            port = server.getsockname()[1]
-        self._project = f"surveilnav-test-{uuid.uuid4().hex[:8]}"
-        self._environment = os.environ | {
-            "SURVEILNAV_PORT": str(port),
-            "SURVEILNAV_SIM__BUILDING": "parametric_flat",
-            "SURVEILNAV_SIM__SEED": "0",
-            "SURVEILNAV_SIM__CAMERAS": str(_CAMERAS),
-            "SURVEILNAV_PERCEPTION__BACKEND": "oracle",
-            "SURVEILNAV_MODELS_DIR": str(models),
-        }
-        self.gateway = httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=30.0)
-
-    def compose(self, *arguments: str, timeout_s: float = 60.0) -> str:
-        done = subprocess.run(
-            ["docker", "compose", "--project-name", self._project, "--progress", "quiet", *arguments],
-            cwd=_ROOT,
-            env=self._environment,
-            capture_output=True,
-            text=True,
-            timeout=timeout_s,
-        )
-        assert done.returncode == 0, (
-            f"docker compose {' '.join(arguments)} failed:\n{(done.stdout + done.stderr)[-4000:]}"
-        )
-        return done.stdout
-
-    def containers(self) -> list[dict[str, Any]]:
-        return [json.loads(line) for line in self.compose("ps", "--all", "--format", "json").splitlines()]
-
-    def state(self) -> str:
-        """For people: every container's state, and the ends of the logs."""
-        rows = [f"{c['Name']}: {c['Status']}" for c in self.containers()]
-        return "\n".join([*rows, self.compose("logs", "--no-color", "--tail", "15")])
-
-    def get(self, path: str) -> Any:
-        return self.gateway.get(path).raise_for_status().json()
-
-    def wait_for_end(self, mission: str) -> dict[str, Any]:
-        deadline_s = time.monotonic() + _MISSION_S
-        while time.monotonic() < deadline_s:
-            found: dict[str, Any] = self.get(f"/api/v1/missions/{mission}")
-            if found["state"] in _FINISHED:
-                return found
-            time.sleep(0.5)
-        pytest.fail(f"the mission is still {found} after {_MISSION_S} s\n{self.state()}")
-
-
-pytestmark = [pytest.mark.compose, pytest.mark.slow, pytest.mark.timeout(_UP_S + 2 * _MISSION_S)]
+pytestmark = [pytest.mark.compose, pytest.mark.slow, pytest.mark.timeout(UP_S + 2 * MISSION_S)]
 
 
 def test_every_container_is_healthy(stack: Stack) -> None:

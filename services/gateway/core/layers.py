@@ -3,7 +3,7 @@ and the joint cloud thinned to a number of points.
 
 | layer | colour |
 |---|---|
-| occupancy | obstacle: slate ``#39424e``; free or unknown: transparent |
+| occupancy | obstacle: slate ``#39424e``, half transparent where it is only estimated; free or unknown: transparent |
 | explored | explored: pale blue ``#dbe7f0``; unexplored: transparent |
 | frontier | frontier: orange ``#f08c00``; else transparent |
 | value | viridis (``#440154`` lowest to ``#fde725`` highest of this picture); unknown: transparent |
@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surveilnav.geometry import Grid
+from surveilnav.messages.maps import ESTIMATED_OBSTACLE
 
 #: Layers that have a picture, and their colour (red, green, blue); the value layer has a scale.
 COLOURS: dict[str, tuple[int, int, int] | None] = {
@@ -28,6 +29,7 @@ COLOURS: dict[str, tuple[int, int, int] | None] = {
     "frontier": (0xF0, 0x8C, 0x00),
     "value": None,
 }
+_ESTIMATED_ALPHA = 110
 #: Larger maps are shown with several cells per pixel.
 MAX_PIXELS = 4096 * 4096
 #: The first size of the cubes that keep one point each [m], and the factor by which it grows until they are few enough.
@@ -55,12 +57,15 @@ class RenderedLayer:
 
 
 def render(layer: str, grid: Grid, cells: NDArray, max_pixels: int = MAX_PIXELS) -> RenderedLayer:
-    """The picture of ``cells`` (rows, cols): uint8 0/1, or for ``value`` float with NaN where unknown. Row 0 of the grid is
+    """The picture of ``cells`` (rows, cols): uint8 (0: nothing), or for ``value`` float with NaN where unknown. Row 0 of the grid is
     the lowest line of the picture."""
     grid, cells = _coarser(grid, cells, max_pixels)
     colour = COLOURS[layer]
     if colour is not None:
-        return RenderedLayer(encode_png(colour_cells(cells, colour)), grid)
+        rgba = colour_cells(cells, colour)
+        if layer == "occupancy":
+            rgba[cells == ESTIMATED_OBSTACLE, 3] = _ESTIMATED_ALPHA
+        return RenderedLayer(encode_png(rgba), grid)
     rgba, low, high = colour_values(cells)
     return RenderedLayer(encode_png(rgba), grid, low, high)
 

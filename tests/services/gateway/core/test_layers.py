@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from surveilnav.geometry import Grid
+from surveilnav.messages.maps import ESTIMATED_OBSTACLE, OBSTACLE
 from surveilnav.sensing.layers import GRID_LAYERS
 from surveilnav.services.gateway.core.layers import COLOURS, as_array, colour_values, render, thinned_cloud, transform
 
@@ -106,3 +107,9 @@ def test_what_fits_is_whole_and_what_is_no_place_is_left_out():
     odd[0, 0], odd[1, 2], odd[2, 4] = np.nan, 1e30, np.inf
     assert np.array_equal(thinned_cloud(odd, 10), CLOUD[3:4])
     assert thinned_cloud(np.zeros((0, 6), np.float32), 10).shape == (0, 6)
+
+
+def test_an_obstacle_that_is_only_estimated_is_paler():
+    cells = np.array([[0, OBSTACLE, ESTIMATED_OBSTACLE]], np.uint8)
+    alpha = decode(render("occupancy", Grid(0, 0, 1, 1, 3), cells).data)[0, :, 3]
+    assert alpha[0] == 0 < alpha[2] < alpha[1]
