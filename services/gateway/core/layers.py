@@ -57,8 +57,10 @@ class RenderedLayer:
 
 
 def render(layer: str, grid: Grid, cells: NDArray, max_pixels: int = MAX_PIXELS) -> RenderedLayer:
-    """The picture of ``cells`` (rows, cols): uint8 (0: nothing), or for ``value`` float with NaN where unknown. Row 0 of the grid is
-    the lowest line of the picture."""
+    """The picture of ``cells`` (rows, cols): uint8 (0: nothing), or for ``value`` float with NaN where unknown.
+
+    Row 0 of the grid is the lowest line of the picture.
+    """
     grid, cells = _coarser(grid, cells, max_pixels)
     colour = COLOURS[layer]
     if colour is not None:
