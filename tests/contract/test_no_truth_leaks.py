@@ -29,6 +29,7 @@ FRAME_FIELDS = {
     "depth",
     "clock",
     "depth_source",
+    "depth_uncertainty",
 }
 ODOMETRY_FIELDS = {"T_world_base", "last_action", "collided", "path_m"}
 
@@ -54,6 +55,7 @@ def test_a_request_to_perception_carries_no_truth():
         "image",
         "depth",
         "depth_range_m",
+        "depth_source",
         "prompts",
         "texts",
         "deadline_ms",
