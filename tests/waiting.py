@@ -38,7 +38,10 @@ def until_heard(ask: Callable[[], T], timeout_s: float = 10.0) -> T:
 
 
 def patient(node: Node) -> Node:
-    """The node, whose questions are asked again until the router has heard of who answers."""
+    """The node, whose questions are asked again until the router has heard of who answers.
+
+    They wait for an answer up to 20 s unless a test says otherwise: on a machine that runs other tests, too, five may be too few.
+    """
     ask = node.ask
-    node.ask = lambda *query, **options: until_heard(lambda: ask(*query, **options))  # type: ignore[method-assign]
+    node.ask = lambda *query, **options: until_heard(lambda: ask(*query, **{"timeout_s": 20.0, **options}))  # type: ignore[method-assign]
     return node

@@ -32,8 +32,10 @@ def stack(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stack]:
     write_picture(folder)
     for path in (folder, *folder.rglob("*")):  # containers run as another user
         path.chmod(0o755 if path.is_dir() else 0o644)
+    models = tmp_path_factory.mktemp("models")
+    models.chmod(0o755)
     stack = Stack(
-        tmp_path_factory.mktemp("models"),
+        models,
         "compose.cameras.yaml",
         SURVEILNAV_CAMERAS_DIR=str(folder),
         SURVEILNAV_PERCEPTION__BACKEND="compact",

@@ -165,6 +165,9 @@ def _custom_path(name: str) -> Path | None:
         return Path(name).expanduser()
     given = models_dir()
     catalogued = name in CATALOGUE and CATALOGUE[name].is_folder
-    if name and not catalogued and given is not None and (given / name).is_dir():
-        return given / name
+    try:
+        if name and not catalogued and given is not None and (given / name).is_dir():
+            return given / name
+    except OSError as error:
+        raise PerceptionError(f"SURVEILNAV_MODELS_DIR is {given}, which can't be read: {error.strerror}") from error
     return None

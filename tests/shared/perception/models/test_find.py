@@ -284,3 +284,8 @@ def test_a_change_that_keeps_size_and_time_is_seen_by_a_look_anew(given, tmp_pat
 
 def _with_hash(model, sha256):
     return msgspec.structs.replace(model, files=(msgspec.structs.replace(model.files[0], sha256=sha256),))
+
+
+def test_a_folder_that_cant_be_read_is_named(given):
+    with pytest.raises(PerceptionError, match=f"SURVEILNAV_MODELS_DIR is {given}, which can't be read"):
+        models.find("x" * 300, download=False)  # too long for a file's name, so that asking for it is an error
