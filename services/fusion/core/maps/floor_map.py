@@ -24,6 +24,8 @@ Window = tuple[int, int, int, int]
 
 _LAYERS = ("_visited", "_voxels_present", "_voxels_carved")  # beside the counts
 _COUNTS = ("_measured", "_estimated")
+#: Corrected depth is exactly the floor's where the floor is seen; this is for rounding.
+_ON_FLOOR_M = 0.01
 
 
 class FloorMap:
@@ -119,7 +121,11 @@ class FloorMap:
         self._grow_to(*window)
         ranges_m = azimuth_ranges(p_world, p_camera, self.z_m + c.explored_max_m, self.z_m - c.drop_min_m)
         ranges_m[:, 1] *= 1.0 - sigma
-        self._count(self._estimated, p_world, p_camera, ranges_m, window, c.explored_range_camera_m)
+        # only floor that is seen is explored: a ray's end is too uncertain to say what lies before it
+        on_floor = np.abs(p_world[:, 2] - self.z_m) < _ON_FLOOR_M
+        no_rays = np.zeros_like(ranges_m)
+        self._count(self._estimated, p_world[on_floor], p_camera, no_rays, window, c.explored_range_camera_m)
+        self._count(self._estimated, p_world[~on_floor], p_camera, no_rays, window, 0.0)
         return len(p_world), ranges_m
 
     def occupied(self) -> NDArray[np.uint8]:

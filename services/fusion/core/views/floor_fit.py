@@ -105,9 +105,10 @@ def _floor_scale(log_ratio: NDArray[np.float64], sigma: float, config: Estimated
     if not len(peaks):
         return None
     peak = float(middles[peaks[likely[peaks] >= config.floor_peak * likely[peaks].max()][-1]])
+    near = log_ratio[np.abs(log_ratio - peak) <= 2 * _BIN]
     if abs(peak) > _MAX_SCALE_SIGMAS * math.hypot(sigma, _BIN):
         return None
-    return float(np.median(log_ratio[np.abs(log_ratio - peak) <= 2 * _BIN]))
+    return float(np.median(near)) if len(near) else None
 
 
 def _basis(v: NDArray[np.float64], u: NDArray[np.float64]) -> NDArray[np.float64]:
