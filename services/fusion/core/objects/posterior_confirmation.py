@@ -6,8 +6,8 @@ It differs from the paper (section "Joint Object Confirmation") in three points:
   together (``posterior``).
 - No category is decided for good: the object is of the most probable class at any time.
 - A robot that looks from close by without detecting the object speaks against it.
-- Cameras without a depth sensor only guide the search: once an object's place is measured, what they saw doesn't count for it,
-  since they may have seen another object beside it.
+- Cameras without a depth sensor only guide the search: once an object's place is measured, what they saw doesn't count towards
+  confirming it, since they may have seen another object beside it. It still counts against rejecting it.
 """
 
 from __future__ import annotations
@@ -34,22 +34,27 @@ class PosteriorConfirmation:
         return Confidences(robot, cameras, self._joint(evidence))
 
     def _joint(self, evidence: Evidence) -> dict[str, float]:
+        return posterior(evidence.by_direction.of_sources("robot", "camera", "estimate"), self._config)
+
+    def _measured(self, evidence: Evidence) -> dict[str, float]:
+        """By those alone that measured the object's place; by all where nobody has."""
         measured = evidence.by_direction.of_sources("robot", "camera")
         if any(views.detections for views in measured.values()):
             return posterior(measured, self._config)
-        return posterior(evidence.by_direction.of_sources("robot", "camera", "estimate"), self._config)
+        return self._joint(evidence)
 
     def update(self, evidence: Evidence) -> None:
         """Does nothing, since this rule decides on no category for good."""
 
     def assess(self, evidence: Evidence, previous: Status) -> Assessment:
         c = self._config
-        label, chance = Confidences({}, {}, self._joint(evidence)).maximum
+        label, chance = Confidences({}, {}, self._measured(evidence)).maximum
         threshold = c.min_chance * (c.hysteresis if previous == "confirmed" else 1.0)
         n, directions, misses = evidence.count(label), len(evidence.by_direction), evidence.misses
         reason = f"{label} by {chance:.2f}: {n} detections, {directions} directions, {misses} misses"
         if chance >= threshold:
             return Assessment(label, chance, "confirmed", reason)
+        label, chance = Confidences({}, {}, self._joint(evidence)).maximum
         if chance < c.reject_chance and misses:
             return Assessment(label, chance, "rejected", reason)
         return Assessment(label, chance, "candidate", f"{reason}; needs {threshold:g}")
