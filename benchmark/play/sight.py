@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Literal
 
 import cv2
@@ -192,7 +192,6 @@ class Sight:
         self._plan = plan or building.plan
         self._half, self._scale = views == "half", scale if way == "depth" else 1
         self._view_bytes, self._words, self._camera_depth = view_bytes, tuple(words), camera_depth
-        self._depth_network: DepthNetwork | None = None
         self._error = {c.name: pose_error.drawn(c.name, building.settings.seed) for c in self._plan.cameras}
         self._cameras = {camera.name: camera for camera in self._plan.cameras}
         self._labels = building.scene.truth_labels if backend.needs_truth else {}
@@ -296,6 +295,10 @@ class Sight:
         depth_m = error.apply(view.depth_m, noise_seed(self.building.settings.seed, view.source, view.view))
         return replace(view, depth_m=depth_m, depth_source="network", depth_uncertainty=error.uncertainty)
 
+    @cached_property
+    def _depth_network(self) -> DepthNetwork:
+        return DepthNetwork()
+
     def _with_estimated_depth(self, view: PosedView) -> PosedView:
         """A camera's view with the depth that our network makes of its picture."""
         lens = view.camera
@@ -306,9 +309,7 @@ class Sight:
             ).rgb
         else:
             rgb = view.rgb
-        network = self._depth_network or DepthNetwork()
-        self._depth_network = network
-        depth_m, uncertainty = network.estimate(rgb, lens, view.T_world_camera, view.floor_z_m).for_maps()
+        depth_m, uncertainty = self._depth_network.estimate(rgb, lens, view.T_world_camera, view.floor_z_m).for_maps()
         size = view.camera.width_px, view.camera.height_px
         depth_m = np.asarray(cv2.resize(depth_m, size, interpolation=cv2.INTER_NEAREST), np.float32)
         return replace(view, depth_m=depth_m, depth_source="network", depth_uncertainty=uncertainty)

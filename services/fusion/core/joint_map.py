@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from surveilnav.geometry import Grid
-from surveilnav.messages import DepthUncertainty
 from surveilnav.messages.maps import LAYERS, ObjectRecord
 from surveilnav.sensing.views import PosedView, ViewPerception
 from surveilnav.services.fusion.core.config import FusionConfig
@@ -20,7 +19,7 @@ from surveilnav.services.fusion.core.maps.floor_map import FloorMap
 from surveilnav.services.fusion.core.maps.value import PendingLayer, ValueMap
 from surveilnav.services.fusion.core.objects.map_object import ObjectChange
 from surveilnav.services.fusion.core.objects.object_map import ObjectMap
-from surveilnav.services.fusion.core.views.floor_fit import fit_floor
+from surveilnav.services.fusion.core.views.floor_fit import with_corrected_depth
 from surveilnav.services.fusion.core.views.invocation import same_floor
 from surveilnav.services.fusion.core.views.order import KnownFloor, ViewFootprint, floor_utilities_m2, visible_ranges_m
 from surveilnav.services.fusion.core.views.plausibility import find_mistake
@@ -103,7 +102,7 @@ class JointMap:
             raise validation.fault
         if validation.is_new and (mistake := find_mistake(view, self.config.validation)):
             raise ViewError("geometry_disagrees", mistake)
-        corrected = self._corrected(view)
+        corrected = with_corrected_depth(view, self.config.estimated_depth)
         geometry = self._add_geometry(corrected) if validation.is_new else None
         result = self.add_detections(corrected, perception, geometry)
         if result is not None:
@@ -123,19 +122,10 @@ class JointMap:
             ViewError: the view can't be by itself. The maps stay as they were.
         """
         check_view(view, perception)
-        view = self._corrected(view)
+        view = with_corrected_depth(view, self.config.estimated_depth)
         result = self.add_detections(view, perception, self._add_geometry(view))
         assert result is not None  # the view added its geometry
         return result
-
-    def _corrected(self, view: PosedView) -> PosedView:
-        """The view with its depth corrected by the floor if it is estimated; without depth if that can't be done."""
-        if view.depth_source in ("sensor", "none"):
-            return view
-        fit = fit_floor(view, self.config.estimated_depth)
-        if fit is None:
-            return replace(view, depth_m=np.zeros_like(view.depth_m), depth_source="none")
-        return replace(view, depth_m=fit.depth_m, depth_uncertainty=DepthUncertainty(fit.sigma))
 
     def _add_geometry(self, view: PosedView) -> _AddedGeometry:
         """Adds a new picture to the maps of its floor: of obstacles and exploration, and if measured to the point cloud.

@@ -92,7 +92,9 @@ class FloorMap:
         # points and rays -> obstacle and exploration map
         ranges_m = azimuth_ranges(p_world, p_camera, self.z_m + c.explored_max_m, self.z_m - c.drop_min_m)
         max_explored_m = math.inf if view.is_robot else c.explored_range_camera_m
-        self._count(self._measured, p_world, p_camera, ranges_m, window, max_explored_m)
+        near_m = np.minimum(ranges_m, np.float32(max_explored_m))
+        explored = azimuth_bins(near_m, p_camera[0], p_camera[1], c.resolution_m, *window)
+        self._count(self._measured, p_world, p_camera, explored, window, max_explored_m)
         if view.is_robot:
             self._mark_visited(p_camera)
         return len(p_world), ranges_m
@@ -123,9 +125,9 @@ class FloorMap:
         ranges_m[:, 1] *= 1.0 - sigma
         # only floor that is seen is explored: a ray's end is too uncertain to say what lies before it
         on_floor = np.abs(p_world[:, 2] - self.z_m) < _ON_FLOOR_M
-        no_rays = np.zeros_like(ranges_m)
-        self._count(self._estimated, p_world[on_floor], p_camera, no_rays, window, c.explored_range_camera_m)
-        self._count(self._estimated, p_world[~on_floor], p_camera, no_rays, window, 0.0)
+        for points, max_explored_m in ((p_world[on_floor], c.explored_range_camera_m), (p_world[~on_floor], 0.0)):
+            by_no_ray = np.full(window[2:], -1, np.int16)
+            self._count(self._estimated, points, p_camera, by_no_ray, window, max_explored_m)
         return len(p_world), ranges_m
 
     def occupied(self) -> NDArray[np.uint8]:
@@ -231,13 +233,11 @@ class FloorMap:
         counts: CellCounts,
         p_world: NDArray[np.float32],
         p_camera: NDArray[np.float64],
-        ranges_m: NDArray[np.float32],
+        explored: NDArray[np.int16],
         window: Window,
         max_explored_m: float,
     ) -> None:
-        """Counts what a view shows in each cell of a window. Beyond ``max_explored_m`` it explores nothing."""
-        near_m = np.minimum(ranges_m, np.float32(max_explored_m))
-        explored = azimuth_bins(near_m, p_camera[0], p_camera[1], self._config.resolution_m, *window)
+        """Counts what a view shows in each cell of a window; arguments as in ``CellCounts.add``."""
         corner = window[0], window[1]
         offset = window[0] - self._row0, window[1] - self._col0
         counts.add(p_world, p_camera, self.z_m, explored, corner, offset, max_explored_m, self._config)

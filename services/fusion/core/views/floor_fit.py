@@ -8,13 +8,14 @@ fitting scale and shift of a monocular depth network to a known plane; here with
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from surveilnav.geometry import Matrix4, Pinhole
+from surveilnav.messages import DepthUncertainty
 from surveilnav.sensing.views import PosedView
 from surveilnav.services.fusion.core.config import EstimatedDepthConfig
 
@@ -38,13 +39,11 @@ class FloorFit:
         depth_m: (H, W) float32; where the floor is seen, the depth of the floor.
         is_floor: (H, W) bool, where the floor is seen.
         sigma: standard deviation of the logarithm of the other depths.
-        floor_share: share of the pixels which could show floor that do.
     """
 
     depth_m: NDArray[np.float32]
     is_floor: NDArray[np.bool_]
     sigma: float
-    floor_share: float
 
 
 def floor_depth_m(camera: Pinhole, T_world_camera: Matrix4, floor_z_m: float) -> NDArray[np.float32]:
@@ -54,6 +53,16 @@ def floor_depth_m(camera: Pinhole, T_world_camera: Matrix4, floor_z_m: float) ->
     with np.errstate(divide="ignore"):
         depth = np.where((down > 1e-6) & (height_m > 0), height_m / down, np.inf)
     return depth.astype(np.float32)
+
+
+def with_corrected_depth(view: PosedView, config: EstimatedDepthConfig) -> PosedView:
+    """The view with its depth corrected if it is estimated; without depth if that can't be done."""
+    if view.depth_source in ("sensor", "none"):
+        return view
+    fit = fit_floor(view, config)
+    if fit is None:
+        return replace(view, depth_m=np.zeros_like(view.depth_m), depth_source="none")
+    return replace(view, depth_m=fit.depth_m, depth_uncertainty=DepthUncertainty(fit.sigma))
 
 
 def fit_floor(view: PosedView, config: EstimatedDepthConfig) -> FloorFit | None:
@@ -81,15 +90,14 @@ def fit_floor(view: PosedView, config: EstimatedDepthConfig) -> FloorFit | None:
         weights = _ridge(basis[inliers], log_ratio[inliers] - scale, warp_sigma, config)
         field = scale + basis @ weights
         inliers = np.abs(log_ratio - field) < config.floor_tolerance
-    share = float(np.count_nonzero(inliers)) / len(v)
-    if share < config.min_floor_share:
+    if np.count_nonzero(inliers) < config.min_floor_share * len(v):
         return None
     rows, cols = np.mgrid[0 : height_px + step : step, 0 : width_px + step : step]
     coarse = (scale + _basis(rows / height_px, cols / width_px) @ weights).astype(np.float32)
     rows, cols = np.mgrid[0:height_px, 0:width_px].astype(np.float32) / step
     field = cv2.remap(coarse, cols, rows, cv2.INTER_LINEAR)
     depth_m, is_floor = _corrected(view, floor_m, field, config)
-    return FloorFit(depth_m, is_floor, max(_LEAST_SIGMA, view.depth_uncertainty.sigma), share)
+    return FloorFit(depth_m, is_floor, max(_LEAST_SIGMA, view.depth_uncertainty.sigma))
 
 
 def _floor_scale(log_ratio: NDArray[np.float64], sigma: float, config: EstimatedDepthConfig) -> float | None:
