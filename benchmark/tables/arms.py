@@ -10,7 +10,7 @@ from typing import Any
 import msgspec
 
 from surveilnav.benchmark.runner.settings import RunSettings
-from surveilnav.services.fusion.core.config import AssociationConfig
+from surveilnav.services.fusion.core.objects.config import AssociationConfig
 
 
 @dataclass(frozen=True, slots=True)

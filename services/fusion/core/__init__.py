@@ -9,8 +9,9 @@ config      every number, and the preset ``paper``
 warm_up     compiles the inner loops before a robot waits for them
 """
 
-from surveilnav.services.fusion.core.config import FusionConfig, MapConfig, ObjectConfig, ValueConfig
+from surveilnav.services.fusion.core.config import FusionConfig, MapConfig, ValueConfig
 from surveilnav.services.fusion.core.joint_map import IntegrationResult, JointMap, in_order
+from surveilnav.services.fusion.core.objects.config import ObjectConfig
 from surveilnav.services.fusion.core.views.invocation import active_cameras
 
 __all__ = [

@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from surveilnav.services.fusion.core.config import AssociationConfig
+from surveilnav.services.fusion.core.objects.config import AssociationConfig
 from surveilnav.services.fusion.core.objects.shape import Shape, found_in
 
 

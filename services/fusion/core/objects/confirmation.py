@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from surveilnav.services.fusion.core.config import ObjectConfig
 from surveilnav.services.fusion.core.objects.assessment import Assessment, Status
 from surveilnav.services.fusion.core.objects.confidences import Confidences
+from surveilnav.services.fusion.core.objects.config import ObjectConfig
 from surveilnav.services.fusion.core.objects.evidence import Evidence
 from surveilnav.services.fusion.core.objects.paper_confirmation import PaperConfirmation
 from surveilnav.services.fusion.core.objects.posterior_confirmation import PosteriorConfirmation

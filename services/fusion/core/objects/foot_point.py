@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surveilnav.sensing.views import DetectedObject, PosedView, box_cells
-from surveilnav.services.fusion.core.config import FootPointConfig
+from surveilnav.services.fusion.core.objects.config import FootPointConfig
 from surveilnav.services.fusion.core.objects.sizes import base_prior
 
 _MAX_POINTS = 400

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from surveilnav.geometry import transform_points
 from surveilnav.sensing.views import DetectedObject, PosedView, box_cells
-from surveilnav.services.fusion.core.config import ObjectConfig, PointsConfig
 from surveilnav.services.fusion.core.objects.clustering import largest_cluster
+from surveilnav.services.fusion.core.objects.config import ObjectConfig, PointsConfig
 from surveilnav.services.fusion.core.objects.foot_point import EstimatedPlace, locate_by_foot
 from surveilnav.services.fusion.core.objects.shape import Shape
 

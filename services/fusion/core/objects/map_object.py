@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from surveilnav.messages.maps import ObjectEvent, ObjectRecord
 from surveilnav.sensing.views import PosedView
-from surveilnav.services.fusion.core.config import ObjectConfig
 from surveilnav.services.fusion.core.objects.assessment import Status
 from surveilnav.services.fusion.core.objects.association import cosine
+from surveilnav.services.fusion.core.objects.config import ObjectConfig
 from surveilnav.services.fusion.core.objects.evidence import Evidence
 from surveilnav.services.fusion.core.objects.localization import LocatedDetection
 from surveilnav.services.fusion.core.objects.shape import Shape

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from surveilnav.messages.maps import ObjectEvent, ObjectRecord
 from surveilnav.sensing.views import DetectedObject, PosedView
-from surveilnav.services.fusion.core.config import AssociationConfig, ObjectConfig
 from surveilnav.services.fusion.core.objects.association import (
     Similarity,
     box_overlap,
@@ -26,6 +25,7 @@ from surveilnav.services.fusion.core.objects.association import (
     overlaps,
     similarity,
 )
+from surveilnav.services.fusion.core.objects.config import AssociationConfig, ObjectConfig
 from surveilnav.services.fusion.core.objects.confirmation import confirmation_rule
 from surveilnav.services.fusion.core.objects.indexed_objects import IndexedObjects
 from surveilnav.services.fusion.core.objects.localization import LocatedDetection, locate_all

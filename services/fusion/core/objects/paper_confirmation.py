@@ -13,9 +13,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from surveilnav.services.fusion.core.config import PaperConfirmationConfig
 from surveilnav.services.fusion.core.objects.assessment import Assessment, Status
 from surveilnav.services.fusion.core.objects.confidences import Confidences
+from surveilnav.services.fusion.core.objects.config import PaperConfirmationConfig
 from surveilnav.services.fusion.core.objects.evidence import Evidence, ScoreSum
 
 

@@ -18,7 +18,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping
 
-from surveilnav.services.fusion.core.config import PosteriorConfig
+from surveilnav.services.fusion.core.objects.config import PosteriorConfig
 from surveilnav.services.fusion.core.objects.view_evidence import Direction, ViewEvidence
 
 _MAX_LOG_ODDS = 30.0  # beyond it, the probability is 0 or 1 to double precision for all that follows

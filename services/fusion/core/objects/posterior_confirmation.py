@@ -12,9 +12,9 @@ It differs from the paper (section "Joint Object Confirmation") in three points:
 
 from __future__ import annotations
 
-from surveilnav.services.fusion.core.config import PosteriorConfig
 from surveilnav.services.fusion.core.objects.assessment import Assessment, Status
 from surveilnav.services.fusion.core.objects.confidences import Confidences
+from surveilnav.services.fusion.core.objects.config import PosteriorConfig
 from surveilnav.services.fusion.core.objects.evidence import Evidence
 from surveilnav.services.fusion.core.objects.posterior import posterior
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from surveilnav.services.fusion.core import FusionConfig, JointMap
-from surveilnav.services.fusion.core.config import AssociationConfig
 from surveilnav.services.fusion.core.objects.association import similarity
+from surveilnav.services.fusion.core.objects.config import AssociationConfig
 from surveilnav.services.fusion.core.objects.shape import Shape
 from surveilnav.services.fusion.core.snapshot import dump, load
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from surveilnav.services.fusion.core import FusionConfig, ObjectConfig
-from surveilnav.services.fusion.core.config import ConfirmationConfig, PaperConfirmationConfig, PosteriorConfig
+from surveilnav.services.fusion.core.objects.config import ConfirmationConfig, PaperConfirmationConfig, PosteriorConfig
 from surveilnav.services.fusion.core.objects.confirmation import confirmation_rule
 from surveilnav.services.fusion.core.objects.evidence import Evidence
 

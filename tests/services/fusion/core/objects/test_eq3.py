@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from surveilnav.geometry import Pinhole
 from surveilnav.sensing.views import DetectedObject, PosedView
 from surveilnav.services.fusion.core import FusionConfig, JointMap, ObjectConfig, in_order
-from surveilnav.services.fusion.core.config import AssociationConfig, FalsePositiveConfig
 from surveilnav.services.fusion.core.objects.association import similarity
+from surveilnav.services.fusion.core.objects.config import AssociationConfig, FalsePositiveConfig
 from surveilnav.services.fusion.core.objects.localization import LocatedDetection
 from surveilnav.services.fusion.core.objects.object_map import ObjectMap
 from surveilnav.services.fusion.core.objects.shape import Shape

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from surveilnav.geometry import Pinhole, camera_pose, inverse, transform_points
 from surveilnav.sensing.views import DetectedObject, PosedView
 from surveilnav.services.fusion.core import JointMap, snapshot
-from surveilnav.services.fusion.core.config import FootPointConfig
+from surveilnav.services.fusion.core.objects.config import FootPointConfig
 from surveilnav.services.fusion.core.objects.foot_point import locate_by_foot
 
 LENS = Pinhole.from_hfov(640, 480, math.radians(90))

@@ -9,7 +9,7 @@ import pytest
 
 from surveilnav.sensing.views import DetectedObject
 from surveilnav.services.fusion.core import FusionConfig, JointMap, ObjectConfig
-from surveilnav.services.fusion.core.config import AssociationConfig, FalsePositiveConfig
+from surveilnav.services.fusion.core.objects.config import AssociationConfig, FalsePositiveConfig
 from surveilnav.services.fusion.core.objects.sizes import size_mismatch
 
 SOFA = ((3.0, 1.2, 0.0), (3.8, 2.8, 0.8))

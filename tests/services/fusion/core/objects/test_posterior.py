@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from surveilnav.services.fusion.core.config import PosteriorConfig
+from surveilnav.services.fusion.core.objects.config import PosteriorConfig
 from surveilnav.services.fusion.core.objects.posterior import posterior
 from surveilnav.services.fusion.core.objects.view_evidence import EvidenceByDirection, log_odds
 
