@@ -25,8 +25,9 @@ from surveilnav.perception.depth.reference import N_CHANNELS
 from surveilnav.storage import atomic_write
 from training.depth.card import Card, save_card
 from training.depth.evaluate import samples_of
-from training.depth.network import DepthNet, Shape, n_parameters
+from training.depth.network import DepthNet, Shape
 from training.depth.pack import read_packs
+from training.learning import n_parameters
 
 _OPSET = 17
 _ONE_SIGMA = 0.6827

@@ -17,7 +17,7 @@ from surveilnav.simulator.sources import open_building
 from surveilnav.simulator.world.navigation import NavigationMap
 from training.depth.pack import SUFFIX, write_pack
 from training.depth.views import SIDE_PX, ViewSource
-from training.detector.make_views import LIGHTS
+from training.detector.make_views import LIGHTS, parse_slice
 from training.detector.variation import varied_scene
 
 
@@ -33,18 +33,13 @@ def make_pack(path: Path, spec: SceneSpec, light: Lighting, n: int, vary: int) -
     return f"{spec.scene}: opened in {opened - begun:.1f} s; a view: {each_ms:.0f} ms, {size / n / 1e3:.0f} kB"
 
 
-def _slice(text: str) -> slice:
-    """ "12::7" as Python means it."""
-    return slice(*(int(part) if part else None for part in text.split(":")))
-
-
 def main(argv: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="training.depth.make_views", description=__doc__.partition("\n")[0])
     parser.add_argument("--split", choices=sorted(SPLITS), default="train")
     parser.add_argument("--out", type=Path, required=True, help="a folder; its files are kept")
     parser.add_argument("--views", type=int, default=40, help="per building")
     parser.add_argument("--light", choices=LIGHTS, default="flat")
-    parser.add_argument("--scenes", type=_slice, default=slice(None), help="some of the split's: START:STOP:STEP")
+    parser.add_argument("--scenes", type=parse_slice, default=slice(None), help="some of the split's: START:STOP:STEP")
     parser.add_argument("--vary", type=int, default=0, help="other furniture and colours of this seed; 0: as they are")
     args = parser.parse_args(argv)
     specs = SPLITS[args.split].scenes[args.scenes]

@@ -125,7 +125,3 @@ class DepthNet(nn.Module):
             x = merge(torch.cat([x, skip], 1))
         out = nn.functional.pixel_shuffle(self.head(x).float(), 4 // OUTPUT_STRIDE)
         return Predictions(out[:, 0].clamp(*_LOG_RATIO), out[:, 1].clamp(*LOG_SIGMA), out[:, 2])
-
-
-def n_parameters(network: nn.Module) -> int:
-    return sum(p.numel() for p in network.parameters())

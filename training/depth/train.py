@@ -21,8 +21,9 @@ from torch import Tensor, distributed, multiprocessing, nn
 
 from surveilnav.storage import atomic_write
 from training.depth.data import Batch, Views
-from training.depth.network import DepthNet, Predictions, Shape, n_parameters
+from training.depth.network import DepthNet, Predictions, Shape
 from training.depth.pack import read_packs
+from training.learning import blend, cosine_rate, n_parameters, weight_groups
 
 _CHECKPOINT_S, _LOG_EVERY = 180.0, 20
 #: A floor pixel counts this much in the regression, since where the floor is, the depth is known.
@@ -46,10 +47,7 @@ class Plan:
     seed: int = 0
 
     def rate_at(self, step: int) -> float:
-        if step < self.warm_up:
-            return self.rate * (step + 1) / self.warm_up
-        share = (step - self.warm_up) / max(1, self.steps - self.warm_up)
-        return self.rate * (self.last + (1 - self.last) * 0.5 * (1 + math.cos(math.pi * share)))
+        return cosine_rate(step, steps=self.steps, rate=self.rate, warm_up=self.warm_up, last=self.last)
 
 
 def losses(predicted: Predictions, batch: Batch) -> dict[str, Tensor]:
@@ -85,10 +83,7 @@ class Training:
         self.shape = shape or Shape()
         self.network = DepthNet(self.shape).to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         self.mean = copy.deepcopy(self.network).eval().requires_grad_(False)
-        heavy = [p for p in self.network.parameters() if p.ndim > 1]
-        light = [p for p in self.network.parameters() if p.ndim <= 1]
-        groups = [{"params": heavy, "weight_decay": plan.decay}, {"params": light, "weight_decay": 0.0}]
-        self.optimiser = torch.optim.AdamW(groups, lr=plan.rate)
+        self.optimiser = torch.optim.AdamW(weight_groups(self.network, plan.decay), lr=plan.rate)
         if self.checkpoint.exists():
             kept = torch.load(self.checkpoint, weights_only=True)
             self.step, self.views_seen = kept["step"], kept["views_seen"]
@@ -151,7 +146,7 @@ class Training:
                 gradient.copy_(part.view_as(gradient))
         nn.utils.clip_grad_norm_(self.network.parameters(), 5.0)
         self.optimiser.step()
-        _blend(self.mean, self.network, min(0.99, (1.0 + self.step) / (10.0 + self.step)))
+        blend(self.mean, self.network, min(0.99, (1.0 + self.step) / (10.0 + self.step)))
         self.step += 1
         self.views_seen += self.plan.batch * (distributed.get_world_size() if distributed.is_initialized() else 1)
         return {name: float(part.detach()) for name, part in parts.items()}
@@ -182,16 +177,6 @@ def _mean_of_processes(x: Tensor) -> Tensor:
         distributed.all_reduce(x)
         x /= distributed.get_world_size()
     return x
-
-
-@torch.no_grad()
-def _blend(mean: nn.Module, network: nn.Module, keeps: float) -> None:
-    """An exponential mean of weights and of batch norms' statistics."""
-    for kept, new in zip(mean.state_dict().values(), network.state_dict().values(), strict=True):
-        if kept.dtype.is_floating_point:
-            kept.lerp_(new.to(kept.dtype), 1.0 - keeps)
-        else:
-            kept.copy_(new)
 
 
 def main(argv: Sequence[str] | None = None) -> None:

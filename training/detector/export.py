@@ -27,8 +27,9 @@ from surveilnav.perception.detectors.depth_channels import N_CHANNELS
 from surveilnav.perception.models.card import Card, save_card
 from surveilnav.storage import atomic_write
 from training.detector import classes
-from training.detector.network import Compact, Shape, n_parameters
+from training.detector.network import Compact, Shape
 from training.detector.train import steps_of
+from training.learning import n_parameters
 
 OUTPUTS = ("scores", "ltrb", "coefficients", "embeddings", "prototypes", "image", "near")
 _OPSET = 17

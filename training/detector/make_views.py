@@ -71,7 +71,7 @@ class _Timed:
             start = time.perf_counter()
 
 
-def _slice(text: str) -> slice:
+def parse_slice(text: str) -> slice:
     """ "12::7" as Python means it."""
     return slice(*(int(part) if part else None for part in text.split(":")))
 
@@ -83,7 +83,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--robot", type=int, default=120, help="views of robots per building")
     parser.add_argument("--camera", type=int, default=60, help="views of cameras per building")
     parser.add_argument("--light", choices=LIGHTS, default="baked")
-    parser.add_argument("--scenes", type=_slice, default=slice(None), help="some of the split's: START:STOP:STEP")
+    parser.add_argument("--scenes", type=parse_slice, default=slice(None), help="some of the split's: START:STOP:STEP")
     parser.add_argument("--vary", type=int, default=0, help="other furniture and colours of this seed; 0: as they are")
     parser.add_argument("--as-sensed", action="store_true", help="at the sensors' own size, for evaluation")
     parser.add_argument("--quality", type=int, default=75, help="of WebP")

@@ -247,7 +247,3 @@ def places(height_px: int, width_px: int, device: torch.device | None = None) ->
 def boxes_of(ltrb: Tensor, points: Tensor) -> Tensor:
     """(..., L, 4) xyxy [pixels] of distances (..., L, 4) around points (L, 2)."""
     return torch.cat([points - ltrb[..., :2], points + ltrb[..., 2:]], dim=-1)
-
-
-def n_parameters(network: nn.Module) -> int:
-    return sum(p.numel() for p in network.parameters())

@@ -11,7 +11,6 @@ from __future__ import annotations
 import argparse
 import copy
 import csv
-import math
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -27,8 +26,9 @@ from training.detector import classes
 from training.detector.assign import Targets
 from training.detector.data import Views
 from training.detector.losses import WEIGHTS, Batch, losses
-from training.detector.network import Compact, Shape, n_parameters, places
+from training.detector.network import Compact, Shape, places
 from training.detector.pack import read_packs
+from training.learning import blend, cosine_rate, n_parameters, weight_groups
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,10 +58,7 @@ class Plan:
     workers: int = 1
 
     def rate_at(self, step: int) -> float:
-        if step < self.warm_up:
-            return self.rate * (step + 1) / self.warm_up
-        share = (step - self.warm_up) / max(1, self.steps - self.warm_up)
-        return self.rate * (self.last + (1 - self.last) * 0.5 * (1 + math.cos(math.pi * share)))
+        return cosine_rate(step, steps=self.steps, rate=self.rate, warm_up=self.warm_up, last=self.last)
 
     def keeps_at(self, step: int) -> float:
         """The share of the mean of weights that stays at a step; the current weights are the rest.
@@ -97,7 +94,7 @@ class Training:
             self.steps_before = steps_of(begun)
         self.network = network.to(self.device, memory_format=torch.channels_last)  # type: ignore[call-overload]
         self.mean = copy.deepcopy(self.network).eval().requires_grad_(False)
-        self.optimiser = torch.optim.AdamW(_groups(self.network, plan.decay), lr=plan.rate)
+        self.optimiser = torch.optim.AdamW(weight_groups(self.network, plan.decay), lr=plan.rate)
         self._resume()
 
     @property
@@ -164,7 +161,7 @@ class Training:
         loss.backward()  # type: ignore[no-untyped-call]
         nn.utils.clip_grad_norm_(self.network.parameters(), 10.0)
         self.optimiser.step()
-        _blend(self.mean, self.network, self.plan.keeps_at(self.step))
+        blend(self.mean, self.network, self.plan.keeps_at(self.step))
         self.step += 1
         return {name: float(part.detach()) for name, part in {**parts, "loss": loss}.items()}
 
@@ -172,23 +169,6 @@ class Training:
 def steps_of(kept: dict[str, Any]) -> int:
     """All steps that made a checkpoint's weights, those of the run that it began with among them."""
     return int(kept["step"]) + int(kept.get("steps_before", 0))
-
-
-def _groups(network: nn.Module, decay: float) -> list[dict[str, Any]]:
-    """Weights of convolutions decay, biases and scales don't."""
-    heavy = [p for p in network.parameters() if p.ndim > 1]
-    light = [p for p in network.parameters() if p.ndim <= 1]
-    return [{"params": heavy, "weight_decay": decay}, {"params": light, "weight_decay": 0.0}]
-
-
-@torch.no_grad()
-def _blend(mean: nn.Module, network: nn.Module, keeps: float) -> None:
-    """An exponential mean of weights and of batch norms' statistics."""
-    for kept, new in zip(mean.state_dict().values(), network.state_dict().values(), strict=True):
-        if kept.dtype.is_floating_point:
-            kept.lerp_(new.to(kept.dtype), 1.0 - keeps)
-        else:
-            kept.copy_(new)
 
 
 def _moved(batch: Batch, device: torch.device) -> Batch:

@@ -17,9 +17,10 @@ from surveilnav.perception.detectors.onnx_file import open_session
 from surveilnav.perception.runtime import Runtime
 from training.depth.data import Views, varied
 from training.depth.export import export, fitted_factor
-from training.depth.network import DepthNet, Shape, n_parameters
+from training.depth.network import DepthNet, Shape
 from training.depth.pack import SUFFIX, DepthView, Pack, ViewGeometry, read_packs, write_pack
 from training.depth.train import Plan, Training, losses
+from training.learning import n_parameters
 
 SMALL = Shape(8, 4, (8, 12, 16, 16), (1, 1, 1, 1), (16, 12, 8), 4)
 SIDE = 256

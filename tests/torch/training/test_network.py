@@ -25,7 +25,8 @@ from training.detector import classes
 from training.detector.assign import Targets, assign, pairwise_iou
 from training.detector.export import export, write_card
 from training.detector.losses import giou, in_boxes
-from training.detector.network import Branch, Compact, boxes_of, n_parameters, places
+from training.detector.network import Branch, Compact, boxes_of, places
+from training.learning import n_parameters
 
 NAMES = classes.load()
 C, R = len(NAMES.names), len(NAMES.rooms)
