@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 
     from surveilnav.rest import Sightings
 
+#: Of rooms of which less is in view, people are told.
+_MOSTLY = 0.5
+
 
 def where(
     target: Annotated[str, typer.Argument(help="What to look for, in words that the perception backend understands.")],
@@ -33,7 +36,7 @@ def where(
 
 
 def show_sightings(found: Sightings, console: Console) -> None:
-    """A line a sighting, and which cameras gave no picture."""
+    """A line a sighting, which cameras gave no picture, and which rooms no camera sees."""
     if found.sightings:
         columns = (
             Column("what", lambda s: f"{s.label} {s.object}", "text"),
@@ -41,6 +44,7 @@ def show_sightings(found: Sightings, console: Console) -> None:
             Column(
                 "at x, y [m]", lambda s: ", ".join("?" if v is None else f"{v:.1f}" for v in s.position_m[:2]), "number"
             ),
+            Column("room", lambda s: s.room),
             Column("± [m]", lambda s: f"{s.position_sigma_m:.2f}" if s.position_sigma_m else "", "number"),
             Column("status", lambda s: s.status),
             Column("chance", lambda s: "" if s.confidence is None else f"{s.confidence:.2f}", "number"),
@@ -53,3 +57,10 @@ def show_sightings(found: Sightings, console: Console) -> None:
     for camera in found.cameras:
         if camera.lacking:
             console.print(f"camera {camera.id} wasn't looked at: {camera.lacking}", markup=False, style="yellow")
+    for rooms, told in (
+        ([r for r in found.rooms if not r.in_view], "no camera sees"),
+        ([r for r in found.rooms if r.in_view and r.in_view < _MOSTLY], "cameras see less than half of"),
+    ):
+        if rooms:
+            names = ", ".join(f"{r.name} (floor {r.floor})" for r in rooms)
+            console.print(f"{told} {names}", markup=False, style="yellow", soft_wrap=True)

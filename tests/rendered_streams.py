@@ -45,7 +45,14 @@ def cameras_yaml(building: SimulatedBuilding, views: Sequence[tuple[str, int]], 
         camera = building.plan.camera(camera_name)
         assert camera is not None
         T = camera.views[view].matrix()
-        floors[camera.floor] = {"z_m": round(camera.position_m[2] - building.plan.mounting_offset_m, 3)}
+        floors[camera.floor] = {
+            "z_m": round(camera.position_m[2] - building.plan.mounting_offset_m, 3),
+            "rooms": {
+                room.name: [list(corner) for corner in room.polygon_m]
+                for room in building.scene.rooms
+                if room.floor == camera.floor
+            },
+        }
         cameras.append(
             {
                 "name": f"{camera_name}v{view}",

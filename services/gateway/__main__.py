@@ -74,7 +74,7 @@ def serve(settings: GatewaySettings, bus: BusSettings) -> None:
     """Serves until SIGTERM or SIGINT."""
     with listen(settings.host, settings.port) as sock, Node("gateway", settings.node_id, bus) as node:
         host, port = sock.getsockname()[:2]
-        gateway = Gateway(node, settings.root_path, _access_log(settings))
+        gateway = Gateway(node, settings, _access_log(settings))
         server = web_server(gateway, settings.names, settings.root_path)
         # uvicorn raises the signal again after it has shut down; the session must still be closed then.
         for number in (signal.SIGTERM, signal.SIGINT):

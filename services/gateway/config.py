@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from pydantic import Field, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
@@ -37,6 +39,10 @@ class GatewaySettings(BaseSettings):
     access_log_days: int = Field(default=90, ge=1, le=3650, description="how long a line of the access log is kept")
     access_log_mb: int = Field(
         default=10, ge=2, le=1000, description="the size of all files of the access log; the oldest are removed first"
+    )
+    cameras_file: Path | None = Field(
+        default=None,
+        description="the file of real cameras, whose rooms answers name: where something was seen, and where nobody sees",
     )
     node_id: str = Field(default="gateway", description="the gateway's name on the bus")
 

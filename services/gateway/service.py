@@ -14,6 +14,7 @@ from surveilnav.rest import Building, Readiness, RobotHalt, Service, Traffic
 from surveilnav.services.gateway.access_log import AccessLog
 from surveilnav.services.gateway.cameras import Cameras, PastPictures
 from surveilnav.services.gateway.change_detector import ChangeDetector
+from surveilnav.services.gateway.config import GatewaySettings
 from surveilnav.services.gateway.core.resources import (
     NEEDED,
     building_from_parts,
@@ -25,6 +26,7 @@ from surveilnav.services.gateway.missions import Missions
 from surveilnav.services.gateway.objects import Objects
 from surveilnav.services.gateway.recordings import Recordings, Replays
 from surveilnav.services.gateway.robots import PerceptionWorkers, Robots
+from surveilnav.services.gateway.rooms import Rooms
 from surveilnav.services.gateway.sightings import CameraSightings
 from surveilnav.services.gateway.state import BuildingState
 from surveilnav.services.gateway.stream_sources import BuildingEvents, LiveStates, Resources
@@ -40,14 +42,14 @@ class Gateway:
 
     Args:
         node: the gateway's node on the bus.
-        root_path: the path at which a proxy serves the gateway, such as /surveilnav; "" if it is at the root.
+        settings: of which it uses the path at which a proxy serves it, and the file of cameras.
         access_log: who was shown pictures; None: it is only kept in memory.
     """
 
-    def __init__(self, node: Node, root_path: str = "", access_log: AccessLog | None = None) -> None:
+    def __init__(self, node: Node, settings: GatewaySettings, access_log: AccessLog | None = None) -> None:
         self._node = node
         self.access_log = access_log or AccessLog()
-        self.state = BuildingState(node, root_path)
+        self.state = BuildingState(node, settings.root_path)
         self.missions = Missions(self.state)
         self.cameras = Cameras(self.state)
         self.pictures = PastPictures(node, self.cameras.thumbnails, self.access_log)
@@ -55,7 +57,7 @@ class Gateway:
         self.workers = PerceptionWorkers(self.state)
         self.maps = Maps(self.state, self.cameras, self.robots, self.missions)
         self.objects = Objects(self.state)
-        self.sightings = CameraSightings(self.state, self.objects)
+        self.sightings = CameraSightings(self.state, self.objects, Rooms(node, settings.cameras_file))
         self.recordings = Recordings(self.state)
         self.events = BuildingEvents()
         self.meter = MissionTrafficMeter(self.state)

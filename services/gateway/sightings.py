@@ -7,12 +7,13 @@ from fastapi import APIRouter
 from surveilnav import contract
 from surveilnav.bus import clock_ns
 from surveilnav.messages import CameraSearch, CameraSearchReport, ObjectRecord
-from surveilnav.rest import ROOT, SearchedCamera, Sighting, Sightings, SightingsRequest
+from surveilnav.rest import ROOT, SearchedCamera, SearchedRoom, Sighting, Sightings, SightingsRequest
 from surveilnav.services.gateway.bus_requests import request
 from surveilnav.services.gateway.core.problems import Problem
 from surveilnav.services.gateway.core.resources import resource_from, utc
 from surveilnav.services.gateway.core.selection import ObjectFilter
 from surveilnav.services.gateway.objects import Objects
+from surveilnav.services.gateway.rooms import Rooms
 from surveilnav.services.gateway.state import BuildingState
 
 #: Beside the time that the cameras may take.
@@ -23,13 +24,19 @@ _MAX_SIGHTINGS = 50
 class CameraSightings:
     """Has fusion look with all cameras, and lists what it found."""
 
-    def __init__(self, state: BuildingState, objects: Objects) -> None:
-        self._state, self._objects = state, objects
+    def __init__(self, state: BuildingState, objects: Objects, rooms: Rooms) -> None:
+        self._state, self._objects, self._rooms = state, objects, rooms
 
     def search(self, wanted: SightingsRequest) -> Sightings:
         """Where cameras see something. Blocks until every view was looked at, or for ``wanted.max_s``."""
         floor = wanted.floor or ""
-        question = CameraSearch(stamp_ns=clock_ns(), target=wanted.target, floor=floor, max_s=wanted.max_s)
+        question = CameraSearch(
+            stamp_ns=clock_ns(),
+            target=wanted.target,
+            floor=floor,
+            max_s=wanted.max_s,
+            rooms=self._rooms.all(wanted.floor),
+        )
         timeout_s = wanted.max_s + _ANSWER_S
         report: CameraSearchReport = request(
             self._state.node, "fusion", contract.CAMERA_SEARCH, question, timeout_s=timeout_s
@@ -50,6 +57,7 @@ class CameraSightings:
                 )
                 for use in report.cameras
             ],
+            rooms=[SearchedRoom(floor=r.floor, name=r.name, in_view=r.share, cameras=r.cameras) for r in report.rooms],
             complete=report.complete,
         )
 
@@ -59,6 +67,7 @@ class CameraSightings:
             record,
             object=record.id,
             position_m=record.center_m,
+            room=self._rooms.name_at(record.floor, *record.center_m[:2]),
             last_seen=utc(record.last_seen_ns),
             picture=self._picture(record),
         )

@@ -1,4 +1,7 @@
-"""Answers searches with cameras alone: invokes the cameras of a floor and waits until all their views were looked at."""
+"""Answers searches with cameras alone: invokes the cameras of a floor and waits until all their views were looked at.
+
+The answer also says how much of the building's rooms the cameras see, so that "not seen" can be told from "not there".
+"""
 
 from __future__ import annotations
 
@@ -6,8 +9,10 @@ import time
 
 from surveilnav.bus import Answer, Node, Refused, Request, clock_ns
 from surveilnav.errors import TargetError
-from surveilnav.messages import CameraInfo, CameraSearch, CameraSearchReport, CameraUse
+from surveilnav.messages import CameraInfo, CameraSearch, CameraSearchReport, CameraUse, Room, RoomInView
 from surveilnav.services.fusion.building_maps import BuildingMaps
+from surveilnav.services.fusion.core.views.coverage import room_shares
+from surveilnav.services.fusion.core.views.order import ViewFootprint
 from surveilnav.services.fusion.intake.intake import ViewIntake
 from surveilnav.words import validate_word
 
@@ -40,7 +45,7 @@ class CameraSearchAnswers:
             while time.monotonic() < until_s and not self._node.stopping.wait(_POLL_S):
                 if time.monotonic() - begun_s >= _SETTLED_S and not any(map(self._is_awaited, self._on(floor))):
                     break
-            return Answer(self._report(target, floor))
+            return Answer(self._report(target, floor, wanted.rooms))
 
     def _on(self, floor: str | None) -> list[CameraInfo]:
         return [info for info in self._intake.announced_cameras() if floor in (None, info.floor)]
@@ -57,13 +62,37 @@ class CameraSearchAnswers:
     def _n_processed(self, info: CameraInfo) -> int:
         return len(self._maps.processed.views_of(info.camera) & {view.view for view in info.views})
 
-    def _report(self, target: str, floor: str | None) -> CameraSearchReport:
+    def _report(self, target: str, floor: str | None, rooms: list[Room]) -> CameraSearchReport:
         infos = sorted(self._on(floor), key=lambda info: info.camera)
         lacking = {info.camera: why for info in infos if (why := self._why_lacking(info))}
         uses = [CameraUse(info.camera, self._n_processed(info), len(info.views)) for info in infos]
+        in_view = self._in_view([room for room in rooms if floor in (None, room.floor)], infos)
         return CameraSearchReport(
-            stamp_ns=clock_ns(), target=target, cameras=uses, lacking=lacking, complete=not lacking
+            stamp_ns=clock_ns(), target=target, cameras=uses, lacking=lacking, complete=not lacking, rooms=in_view
         )
+
+    def _in_view(self, rooms: list[Room], infos: list[CameraInfo]) -> list[RoomInView]:
+        """How much the cameras see of each room. A camera that gives no pictures sees nothing."""
+        range_m = self._maps.joint.config.map.max_range_camera_m
+        answers: list[RoomInView] = []
+        for floor in sorted({room.floor for room in rooms}):
+            views: dict[str, list[ViewFootprint]] = {}
+            floor_z_m = None
+            for info in infos:
+                if info.floor == floor and self._n_processed(info):
+                    floor_z_m = info.position_m[2] - info.mounting_offset_m
+                    views[info.camera] = [
+                        ViewFootprint.from_view(v.T_world_camera.matrix(), info.intrinsics, floor_z_m, range_m)
+                        for v in info.views
+                    ]
+            with self._maps.lock:
+                joint = self._maps.joint
+                known = None if floor_z_m is None else joint.known_floor(joint.floor_at(floor_z_m))
+            for room in (room for room in rooms if room.floor == floor):
+                share, by_camera = room_shares(room.outline_m, views, known)
+                cameras = sorted(by_camera, key=lambda camera: -by_camera[camera])
+                answers.append(RoomInView(floor=floor, name=room.name, share=share, cameras=cameras))
+        return answers
 
     def _why_lacking(self, info: CameraInfo) -> str:
         """Why not every view of a camera was looked at; "" if every one was."""

@@ -137,7 +137,7 @@ class JointMap:
             self._record_name(view, maps)
             range_m = self.config.map.value_range_without_depth_m
             footprint = ViewFootprint.from_view(view.T_world_camera, view.camera, maps.geometry.z_m, range_m)
-            return _AddedGeometry(maps, 0, visible_ranges_m(footprint, self._known_floor(maps.geometry.floor)))
+            return _AddedGeometry(maps, 0, visible_ranges_m(footprint, self.known_floor(maps.geometry.floor)))
         try:
             if view.depth_source == "sensor":
                 n_points, ranges_m = maps.geometry.integrate(view)
@@ -291,12 +291,13 @@ class JointMap:
             here = [(x, y) for x, y, z_m in robots_m if same_floor(z_m, floor_z_m, self.config.map.tau_z_m)]
             if here:
                 rows = [k for k, view in enumerate(views) if view.floor_z_m == floor_z_m]
-                known = self._known_floor(self.floor_at(floor_z_m))
+                known = self.known_floor(self.floor_at(floor_z_m))
                 on_floor = [views[k] for k in rows]
                 utilities_m2[rows] = floor_utilities_m2(on_floor, known, np.array(here), self.config.views)
         return utilities_m2
 
-    def _known_floor(self, floor: str) -> KnownFloor | None:
+    def known_floor(self, floor: str) -> KnownFloor | None:
+        """The layers of a floor; None for "" (``floor_at``)."""
         if not floor:
             return None
         geometry = self._floors[floor].geometry

@@ -36,10 +36,18 @@ def _polygon(corners: list[tuple[float, float]]) -> list[tuple[float, float]]:
 Zone = Annotated[list[tuple[Share, Share]], Field(min_length=3, max_length=MAX_CORNERS), AfterValidator(_polygon)]
 
 
+Outline = Annotated[list[tuple[Finite, Finite]], Field(min_length=3, max_length=MAX_CORNERS), AfterValidator(_polygon)]
+
+
 class FloorEntry(_Entry):
     """One floor of the building."""
 
     z_m: Finite = Field(description="altitude of the floor's surface [m] in the building's frame")
+    rooms: Annotated[dict[Annotated[str, Field(min_length=1, max_length=100)], Outline], Field(max_length=200)] = Field(
+        {},
+        description="outlines of rooms by their names for people: corners (x, y) [m] in the building's frame. Answers name "
+        "the room in which something was seen, and the rooms that no camera sees",
+    )
 
 
 class LensEntry(_Entry):

@@ -25,7 +25,7 @@ def polygon_fault(polygon: Polygon) -> str:
         return "its corners lie on one line, so that it covers nothing: move one of them aside"
     for (i, a), (k, b) in combinations(enumerate(edges), 2):
         if 1 < k - i < len(edges) - 1 and _segments_cross(*a, *b):
-            return f"its sides {i + 1} and {k + 1} cross, so that its inside isn't clear: make it two zones"
+            return f"its sides {i + 1} and {k + 1} cross, so that its inside isn't clear: make two polygons of it"
     return ""
 
 

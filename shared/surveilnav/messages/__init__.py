@@ -24,6 +24,8 @@ from surveilnav.messages.maps import (
     ObjectList,
     ObjectRecord,
     Revision,
+    Room,
+    RoomInView,
     ViewPicture,
 )
 from surveilnav.messages.mission import (
@@ -112,6 +114,8 @@ __all__ = [
     "ReplayControl",
     "ReplayStatus",
     "Revision",
+    "Room",
+    "RoomInView",
     "RobotStatus",
     "ServiceList",
     "ServiceState",

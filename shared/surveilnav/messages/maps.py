@@ -157,17 +157,41 @@ class ObjectList(Message, frozen=True, kw_only=True):
     objects: list[ObjectRecord]
 
 
+class Room(msgspec.Struct, frozen=True, kw_only=True):
+    """A room of the building: its floor, its name for people, and its outline [m, world] as the corners of a polygon."""
+
+    floor: str
+    name: str
+    outline_m: list[tuple[float, float]]
+
+
+class RoomInView(msgspec.Struct, frozen=True, kw_only=True):
+    """How much of a room's floor cameras see.
+
+    Attributes:
+        share: of the floor that no furniture stands on, the share that is in view of a camera (0-1).
+        cameras: the cameras that see part of it, the one that sees most first.
+    """
+
+    floor: str
+    name: str
+    share: float
+    cameras: list[str]
+
+
 class CameraSearch(Message, frozen=True, kw_only=True):
     """Has all cameras of a floor, or of all floors, looked at for ``target``, with or without a robot there.
 
     Attributes:
         floor: empty: all floors.
         max_s: after this time the answer comes in any case.
+        rooms: rooms of which the answer shall say how much of them cameras see.
     """
 
     target: str
     floor: str = ""
     max_s: float = 10.0
+    rooms: list[Room] = []
 
 
 class CameraSearchReport(Message, frozen=True, kw_only=True):
@@ -177,12 +201,14 @@ class CameraSearchReport(Message, frozen=True, kw_only=True):
         cameras: the cameras that were looked at, and how many of their views the maps hold.
         lacking: cameras of which not every view came in time, with the reason.
         complete: whether every view of every camera was looked at for the target.
+        rooms: how much cameras see of the rooms that were asked about, on the floors that were searched.
     """
 
     target: str
     cameras: list[CameraUse]
     lacking: dict[str, str]
     complete: bool
+    rooms: list[RoomInView] = []
 
 
 class FloorMapsHeader(Message, frozen=True, kw_only=True):

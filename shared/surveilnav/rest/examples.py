@@ -107,6 +107,7 @@ SIGHTINGS: dict[str, Any] = {
             "status": "confirmed",
             "confidence": 0.81,
             "position_m": [6.0, 1.2, 0.4],
+            "room": "lounge",
             "position_sigma_m": 0.14,
             "last_seen": "2026-01-31T10:00:12Z",
             "sources": ["camera/lobby"],
@@ -114,6 +115,10 @@ SIGHTINGS: dict[str, Any] = {
         }
     ],
     "cameras": [{"id": "lobby", "views": 1, "views_processed": 1, "lacking": ""}],
+    "rooms": [
+        {"floor": "0", "name": "lounge", "in_view": 0.72, "cameras": ["lobby"]},
+        {"floor": "0", "name": "store", "in_view": 0.0, "cameras": []},
+    ],
     "complete": True,
 }
 RECORDING: dict[str, Any] = {

@@ -29,6 +29,7 @@ class Sighting(BaseModel):
     status: str = Field(description="confirmed or candidate")
     confidence: Number
     position_m: tuple[Number, Number, Number]
+    room: str = Field(description="the room that it is in; empty: none that cameras.yaml names")
     position_sigma_m: Number = Field(description="standard deviation of the place; 0: a sensor measured it")
     last_seen: datetime | None
     sources: list[str]
@@ -44,6 +45,17 @@ class SearchedCamera(BaseModel):
     lacking: str
 
 
+class SearchedRoom(BaseModel):
+    """A room of cameras.yaml, and how much of it cameras see."""
+
+    floor: str
+    name: str
+    in_view: Number = Field(
+        description="the share of its free floor that cameras see; 0: what is there isn't seen by anybody"
+    )
+    cameras: list[str] = Field(description="the cameras that see part of it, the one that sees most first")
+
+
 class Sightings(BaseModel):
     """Where cameras see something, the surest first."""
 
@@ -52,4 +64,5 @@ class Sightings(BaseModel):
     target: str
     sightings: list[Sighting]
     cameras: list[SearchedCamera]
+    rooms: list[SearchedRoom] = Field(description="the rooms of the searched floors, as far as cameras.yaml names them")
     complete: bool = Field(description="whether every view of every camera was looked at for the target")

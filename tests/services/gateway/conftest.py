@@ -365,7 +365,8 @@ def router() -> Iterator[str]:
 def serve_gateway(endpoint: str, stack: ExitStack, root_path: str = "") -> tuple[str, Gateway]:
     """A gateway as ``python -m surveilnav.services.gateway`` runs it, on a thread; its address."""
     sock = stack.enter_context(listen("127.0.0.1", 0))
-    gateway = Gateway(stack.enter_context(Node("gateway", "gateway", BusSettings(router=endpoint))), root_path)
+    node = stack.enter_context(Node("gateway", "gateway", BusSettings(router=endpoint)))
+    gateway = Gateway(node, GatewaySettings(root_path=root_path))
     server = web_server(gateway, GatewaySettings().names, root_path)
     thread = threading.Thread(target=server.run, kwargs={"sockets": [sock]}, daemon=True)
     thread.start()
@@ -386,9 +387,21 @@ def building(router: str) -> Iterator[FakeBuilding]:
 
 
 @pytest.fixture(scope="module")
-def client(router: str, building: FakeBuilding) -> Iterator[httpx.Client]:
+def served(router: str, building: FakeBuilding) -> Iterator[tuple[str, Gateway]]:
     with ExitStack() as stack:
-        url, _ = serve_gateway(router, stack)
+        yield serve_gateway(router, stack)
+
+
+@pytest.fixture(scope="module")
+def gateway(served: tuple[str, Gateway], client: httpx.Client) -> Gateway:
+    """The gateway that ``client`` talks to; it is ready."""
+    return served[1]
+
+
+@pytest.fixture(scope="module")
+def client(served: tuple[str, Gateway], building: FakeBuilding) -> Iterator[httpx.Client]:
+    with ExitStack() as stack:
+        url, _ = served
         client = stack.enter_context(closing(httpx.Client(base_url=url, timeout=20)))
         building.put_sources()
         building.put_revision()

@@ -162,3 +162,25 @@ def test_a_ceiling_fisheye_has_the_papers_thirteen_views(tmp_path: Path) -> None
     assert pitches == pytest.approx([-30.0] * 12 + [-90.0], abs=1e-3)
     # an equidistant lens of 180 degrees sees 90 degrees to each side; half of a view that looks 60 degrees aside is beyond 10
     assert all(0.5 < u.seen.mean() <= 1.0 for u in made.undistortions)
+
+
+def test_rooms_of_a_floor(tmp_path: Path) -> None:
+    rooms = "ground: {z_m: 0.0, rooms: {Küche: [[0, 0], [4, 0], [4, 3]]}}"
+    file = load_cameras(written(tmp_path, GOOD.replace("ground: {z_m: 0.0}", rooms)))
+    assert file.floors["ground"].rooms == {"Küche": [(0, 0), (4, 0), (4, 3)]}
+    assert file.floors["first"].rooms == {}
+
+
+@pytest.mark.parametrize(
+    ("outline", "told"),
+    [
+        ("[[0, 0], [4, 0]]", "at least 3"),
+        ("[[0, 0], [4, 4], [4, 0], [0, 6]]", "sides 1 and 3 cross"),
+        ("[[0, 0], [2, 0], [4, 0]]", "lie on one line"),
+        ("[[0, 0], [.inf, 0], [4, 3]]", "finite"),
+    ],
+)
+def test_a_room_that_cant_be_is_named_at_its_line(tmp_path: Path, outline: str, told: str) -> None:
+    text = GOOD.replace("ground: {z_m: 0.0}", f"ground:\n    z_m: 0.0\n    rooms:\n      hall: {outline}")
+    with pytest.raises(ConfigError, match=f"line [4-6]: floors: .*{told}"):
+        load_cameras(written(tmp_path, text))
