@@ -71,6 +71,26 @@ def test_suggestions_are_what_is_there_and_what_perception_knows(open_page):
     assert page.input_value("#target") == page.locator(".chip").first.inner_text()
 
 
+def test_the_cameras_are_asked_without_a_robot(open_page):
+    page = open_page()
+    page.get_by_role("button", name="Only ask the cameras").click()
+    assert page.locator("#target:invalid").count(), "nothing is asked for nothing"
+    page.fill("#target", "chair")
+    page.get_by_role("button", name="Only ask the cameras").click()
+    answer = page.get_by_role("region", name="What the cameras see")
+    answer.locator("li img").first.wait_for()
+    until(lambda: answer.locator("li img").first.evaluate("i => i.naturalWidth") > 0, "its picture doesn't load")
+    assert "confirmed" in answer.inner_text()
+    answer.locator("li button").first.click()
+    page.locator("dialog", has_text="chair").wait_for()
+    page.keyboard.press("Escape")
+    page.fill("#target", "xylophone")
+    page.get_by_role("button", name="Only ask the cameras").click()
+    until(lambda: "No camera sees a xylophone" in answer.inner_text() or page.locator(".toast.bad").count())
+    answer.get_by_role("button", name="Close").click()
+    assert not answer.count()
+
+
 def test_a_mission_is_paused_goes_on_and_is_cancelled(open_page):
     page = open_page()
     id = submit(page, "airplane")  # nobody has one: it goes on and on

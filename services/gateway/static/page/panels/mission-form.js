@@ -3,6 +3,7 @@ import { post } from "../api.js";
 import { all, one, useStore } from "../store.js";
 import { attempt } from "../toasts.js";
 import { html, useRef, useState } from "../ui.js";
+import { AskCameras } from "./sightings.js";
 import { suggestions } from "./suggestions.js";
 
 /** One key per form filled in: a second click, also after an answer that was lost, sends the same mission, not another. */
@@ -35,6 +36,7 @@ export function MissionForm() {
     </div>
     <datalist id="targets">${suggestions().map(t => html`<option value=${t} />`)}</datalist>
     <${Known} />
+    <${AskCameras} target="target" />
     <details>
       <summary>Robot and limits</summary>
       <div class="row options">
