@@ -28,7 +28,7 @@ def room_points_m(outline_m: Polygon) -> NDArray[np.float64]:
         # inside is what a ray towards +x leaves through an odd number of sides
         crosses = (ay > points[:, 1]) != (by > points[:, 1])
         inside ^= crosses & (points[:, 0] < ax + (points[:, 1] - ay) * (bx - ax) / ((by - ay) or 1.0))
-    return points[inside]
+    return np.asarray(points[inside])
 
 
 def room_shares(
@@ -76,4 +76,4 @@ def _sees(view: ViewFootprint, floor: KnownFloor | None, points_m: NDArray[np.fl
     azimuth = np.arctan2(away[:, 1], away[:, 0]) / (2 * math.pi)
     nearest_m, farthest_m = ranges_m[(azimuth * AZIMUTHS).astype(int) % AZIMUTHS].T
     distance_m = np.linalg.norm(away, axis=1)
-    return (nearest_m <= distance_m) & (distance_m < farthest_m)
+    return np.asarray((nearest_m <= distance_m) & (distance_m < farthest_m))
