@@ -276,21 +276,21 @@ class Sight:
             )
             measured = self._view_bytes.get(camera.name)
             offered = measured[index] if measured else 0
-            view = self._as_known(view)
+            view = self._as_known(view, pose)
             return SeenView(view, self._perceive(view, rendered, (source, index, 1)), offered)
         rendered = self.building.camera_view(camera, index)
         header, payload, offered = _frame(rendered, camera, index, said, self._plan)
-        view = self._as_known(decode_frame(header, payload))
+        view = self._as_known(decode_frame(header, payload), pose)
         return SeenView(view, self._perceive(view, rendered, (source, index, 1)), offered)
 
-    def _as_known(self, view: PosedView) -> PosedView:
-        """A camera's view with what is known of its depth."""
+    def _as_known(self, view: PosedView, pose: Pose) -> PosedView:
+        """A camera's view with what is known of its depth. ``pose``: where the camera really hangs."""
         if self._camera_depth == "sensor":
             return view
         if self._camera_depth == "none":
             return replace(view, depth_m=np.zeros_like(view.depth_m), depth_source="none")
         if self._camera_depth == "network":
-            return self._with_estimated_depth(view)
+            return self._with_estimated_depth(view, pose)
         error = DEPTH_ERRORS[self._camera_depth]
         depth_m = error.apply(view.depth_m, noise_seed(self.building.settings.seed, view.source, view.view))
         return replace(view, depth_m=depth_m, depth_source="network", depth_uncertainty=error.uncertainty)
@@ -299,13 +299,13 @@ class Sight:
     def _depth_network(self) -> DepthNetwork:
         return DepthNetwork()
 
-    def _with_estimated_depth(self, view: PosedView) -> PosedView:
-        """A camera's view with the depth that our network makes of its picture."""
+    def _with_estimated_depth(self, view: PosedView, pose: Pose) -> PosedView:
+        """A camera's view with the depth that our network makes of its picture, told the pose that the camera believes in."""
         lens = view.camera
         if self.way == "depth":  # there the view has no colours
             lens = lens.resized(_ESTIMATION_PX, _ESTIMATION_PX * lens.height_px // lens.width_px)
             rgb = self.building.renderer.render(
-                view.T_world_camera, lens, depth_range_m=CAMERA_DEPTH_RANGE_M, noise=None, seed=0
+                pose.matrix(), lens, depth_range_m=CAMERA_DEPTH_RANGE_M, noise=None, seed=0
             ).rgb
         else:
             rgb = view.rgb

@@ -71,9 +71,17 @@ class VisibleThing:
 def visible_things(
     truth: TrueInstances, depth_m: NDArray[np.float32], min_pixels: int, words: Container[str]
 ) -> list[VisibleThing]:
-    """The instances called by one of the words that show at least ``min_pixels`` pixels with depth, by id."""
+    """The instances called by one of the words that show at least ``min_pixels`` pixels with depth, by id.
+
+    In a view of a camera without depth all pixels count.
+    """
     things, _ = things_and_surfaces(truth, depth_m)
-    return [thing for thing in things if thing.label in words and thing.n_pixels >= min_pixels]
+    has_depth = bool(depth_m.any())
+    return [
+        thing
+        for thing in things
+        if thing.label in words and (thing.n_pixels if has_depth else thing.area_px) >= min_pixels
+    ]
 
 
 def measured(labels: dict[int, str]) -> dict[int, str]:

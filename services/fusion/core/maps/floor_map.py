@@ -117,15 +117,19 @@ class FloorMap:
         c = self._config
         p_camera = camera_position(view.T_world_camera)
         self._occupancy = None
-        max_range_m = min(c.max_range_camera_m, c.estimated_max_sigma_m / max(sigma, 1e-3))
-        p_world, _ = world_points(view, c.points_per_view, max_range_m, c.depth_edge)
+        p_world, _ = world_points(view, c.points_per_view, c.max_range_camera_m, c.depth_edge)
         window = window_around(p_world, p_camera, c.robot_radius_m, c.resolution_m)
         self._grow_to(*window)
         ranges_m = azimuth_ranges(p_world, p_camera, self.z_m + c.explored_max_m, self.z_m - c.drop_min_m)
         ranges_m[:, 1] *= 1.0 - sigma
-        # only floor that is seen is explored: a ray's end is too uncertain to say what lies before it
+        # Where the floor is seen its depth is exact, by the pose. Only such floor is explored: the end of any other ray is too
+        # uncertain to say what lies before it.
         on_floor = np.abs(p_world[:, 2] - self.z_m) < _ON_FLOOR_M
-        for points, max_explored_m in ((p_world[on_floor], c.explored_range_camera_m), (p_world[~on_floor], 0.0)):
+        is_certain = np.linalg.norm(p_world - p_camera, axis=1) <= c.estimated_max_sigma_m / max(sigma, 1e-3)
+        for points, max_explored_m in (
+            (p_world[on_floor], c.explored_range_camera_m),
+            (p_world[~on_floor & is_certain], 0.0),
+        ):
             by_no_ray = np.full(window[2:], -1, np.int16)
             self._count(self._estimated, points, p_camera, by_no_ray, window, max_explored_m)
         return len(p_world), ranges_m

@@ -37,7 +37,7 @@ class FootPointConfig(ConfigPart):
     )
     max_range_m: float = Field(default=10.0, gt=0, description="things farther away are left out")
     max_sigma_m: float = Field(
-        default=0.4, gt=0, description="... and those whose distance is more uncertain than this"
+        default=1.0, gt=0, description="... and those whose distance is more uncertain than this"
     )
     gate: float = Field(
         default=1.5, gt=0, description="two things may be one if they are within this many standard deviations"

@@ -14,6 +14,8 @@ from surveilnav.services.fusion.core.views.order import KnownFloor, ViewFootprin
 
 #: Distance of the points of a room that are tested [m]; larger in a large room, so that there are at most this many.
 _SPACING_M, _MAX_POINTS = 0.1, 20_000
+#: A camera that sees less than this of a room sees a strip through its door, and not the room.
+_MIN_SHARE = 0.02
 
 
 def room_points_m(outline_m: Polygon) -> NDArray[np.float64]:
@@ -46,7 +48,7 @@ def room_shares(
         floor: what is known of the floor; None: nothing.
 
     Returns:
-        (the share, 0-1; the share that each camera sees, without those that see nothing).
+        (the share, 0-1; the share that each camera sees, without those that see less than 2 %).
     """
     points_m = room_points_m(outline_m)
     believed = np.ones(len(points_m), np.bool_)
@@ -65,7 +67,8 @@ def room_shares(
         for camera, own in views.items()
         if own
     }
-    shares = {camera: float(seen.mean()) for camera, seen in seen_by.items() if seen.any()}
+    seen_by = {camera: seen for camera, seen in seen_by.items() if seen.mean() >= _MIN_SHARE}
+    shares = {camera: float(seen.mean()) for camera, seen in seen_by.items()}
     return float(np.any([*seen_by.values()], axis=0).mean()) if seen_by else 0.0, shares
 
 

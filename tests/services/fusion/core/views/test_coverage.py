@@ -79,3 +79,12 @@ def test_a_room_full_of_furniture_has_no_share() -> None:
     known = floor()
     known.occupied[:] = 1
     assert room_shares(ROOM, {"a": [view(0.1, 1.5, 0.0)]}, known) == (0.0, {})
+
+
+def test_a_strip_through_a_door_is_not_a_look_into_the_room() -> None:
+    known = floor()
+    known.explored[:] = 0
+    known.explored[30:60, 45] = 1  # one column of cells: 2.5 % of the room, of which the camera sees a part
+    assert room_shares(ROOM, {"a": [view(0.1, 1.5, 0.0)]}, known)[0] > 0.0
+    known.explored[42:, 45] = 0
+    assert room_shares(ROOM, {"a": [view(0.1, 1.5, 0.0)]}, known) == (0.0, {})
