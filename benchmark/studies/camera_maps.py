@@ -2,10 +2,10 @@
 
     python -m surveilnav.benchmark.studies.camera_maps data/objectnav --split val_mini
 
-In each building, all views of all cameras are integrated, with true detections, so that only places can be wrong. An object's error is
-the horizontal distance from its centre to that of the nearest thing of its class, among things of which a camera is within 6 m.
-Obstacles are compared with those that the same views give with depth without noise: the chamfer distance is the mean distance to the
-nearest obstacle of the other map, in both directions.
+In each building, all views of all cameras are integrated, with true detections, so that only places can be wrong. An object's
+error is the horizontal distance from its centre to that of the nearest thing of its class, among things of which a camera is
+within 6 m. Obstacles are compared with those that the same views give with depth without noise: the chamfer distance is the mean
+distance to the nearest obstacle of the other map, in both directions.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from surveilnav.services.fusion.core import JointMap
 from surveilnav.simulator.simulation import SimulatedBuilding
 from surveilnav.simulator.truth.choose import choose_backend
 
-#: What cameras know: of depth, and of their own pose. Errors of pose are the medians of poses from ten and from six clicked points.
+#: What cameras know of depth and of their own pose. Errors of pose are the medians of poses from ten and from six clicks.
 ARMS: Mapping[str, dict[str, object]] = {
     "depth sensor": {},
     "our depth network": {"camera_depth": "network"},

@@ -75,6 +75,7 @@ class StreamSource:
         self._pictures: dict[int, Picture] = {}
         self._reading: threading.Thread | None = None
         self._reader: FrameReader | None = None
+        self._bytes_before = 0  # that readers before this one have read
         self._hanging: list[threading.Thread] = []
         self._closing = threading.Event()
         self._watching = threading.Thread(target=self._watch, name="watchdog", daemon=True)
@@ -98,7 +99,8 @@ class StreamSource:
         """What the stream is doing."""
         health = self.health
         since_ns = time.time_ns() - int((time.monotonic() - health.since_s) * 1e9)
-        return StreamStatus(health.state, health.reason, since_ns, health.n_reconnects)
+        n_bytes = self._bytes_before + (self._reader.bytes_read if self._reader else 0)
+        return StreamStatus(health.state, health.reason, since_ns, health.n_reconnects, n_bytes)
 
     @property
     def health(self) -> StreamHealth:
@@ -141,6 +143,7 @@ class StreamSource:
     # --- the reading thread -------------------------------------------------------------------------------------
 
     def _open_anew(self) -> None:
+        self._bytes_before += self._reader.bytes_read if self._reader else 0
         self._reader = self._make_reader()
         self._reading = threading.Thread(target=self._read, args=(self._reader,), name="stream", daemon=True)
         self._reading.start()

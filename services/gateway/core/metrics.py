@@ -100,6 +100,8 @@ def _camera_metrics(state: BuildingMetrics) -> Iterator[Metric]:
         _camera,
         lambda c: c.stream.state == "live",
     )
+    what = "Bytes that came from the camera into its node, which aren't on the bus"
+    yield _counter("camera_stream_bytes", what, cameras, _camera, lambda c: c.stream.n_bytes)
     yield _gauge("camera_invoked", "1: the maps of its floor ask it for views", cameras, _camera, lambda c: c.invoked)
     uses = [use for floor in state.floors for use in floor.invoked if use.camera in known]
     yield _gauge("camera_views_expected", "Views of an invoked camera", uses, _use, lambda u: u.views)

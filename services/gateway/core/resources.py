@@ -99,6 +99,7 @@ def camera_from_info(
             state=info.stream.state,
             reason=info.stream.reason[:_MAX_REASON_CHARS],
             since=utc(info.stream.since_ns),
+            n_bytes=info.stream.n_bytes,
         ),
         last_seen=utc(seen_ns),
         stale=not alive,

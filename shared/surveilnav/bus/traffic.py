@@ -66,8 +66,8 @@ class TrafficMeter:
             return self._bytes[key, "offered"]
 
 
-def wire_bytes(router_port: int) -> tuple[int, int] | None:
-    """(sent, received) bytes of this process's TCP sockets to ``router_port``; None on systems without /proc."""
+def wire_bytes(port: int) -> tuple[int, int] | None:
+    """(sent, received) bytes of this process's TCP sockets to a remote port, such as the router's; None without /proc."""
     sent = received = 0
     seen = False
     try:
@@ -81,7 +81,7 @@ def wire_bytes(router_port: int) -> tuple[int, int] | None:
             with socket.socket(fileno=os.dup(int(name))) as sock:
                 if sock.type != socket.SOCK_STREAM or sock.family not in (socket.AF_INET, socket.AF_INET6):
                     continue
-                if sock.getpeername()[1] != router_port:
+                if sock.getpeername()[1] != port:
                     continue
                 info = sock.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, 256)
         except OSError:

@@ -20,12 +20,14 @@ class StreamStatus(msgspec.Struct, frozen=True):
         reason: details, for people; it never holds an address.
         since_ns: when the state began; 0: always.
         n_reconnects: how often the stream was opened anew.
+        n_bytes: bytes that came from the camera since its node started. They aren't on the bus, and counted nowhere else.
     """
 
     state: StreamState = "live"
     reason: str = ""
     since_ns: int = 0
     n_reconnects: int = 0
+    n_bytes: int = 0
 
 
 class CameraViewInfo(msgspec.Struct, frozen=True):

@@ -36,6 +36,11 @@ class CameraStream(BaseModel):
     state: str = Field(description="connecting, live, no_frames, frozen, black, grey, garbled, moved or failed")
     reason: str = Field(description="details; empty while it is live")
     since: datetime | None = Field(description="when the state began; null: always")
+    n_bytes: int = Field(
+        default=0,
+        description="bytes that came from the camera since its node started; they travel beside the bus and aren't part of any "
+        "other number",
+    )
 
 
 class Camera(Resource):

@@ -9,7 +9,9 @@ from urllib.parse import urlsplit
 
 import cv2
 
+from surveilnav.bus.traffic import wire_bytes
 from surveilnav.services.camera_node.sources.readers.opencv import OPEN_TIMEOUT_MS, READ_TIMEOUT_MS, OpenCVReader
+from surveilnav.services.camera_node.sources.readers.reader import CapturedFrame
 
 _PORTS = {"rtsp": 554, "rtsps": 322}
 _PROBE_S = 3.0
@@ -26,6 +28,15 @@ class RtspReader(OpenCVReader):
         limits = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, OPEN_TIMEOUT_MS, cv2.CAP_PROP_READ_TIMEOUT_MSEC, READ_TIMEOUT_MS]
         super().__init__(address, cv2.CAP_FFMPEG, [*limits, cv2.CAP_PROP_N_THREADS, 1], period_s)
         self._address = address
+        self.bytes_read = 0
+
+    def read(self) -> CapturedFrame:
+        """As ``OpenCVReader.read``. The bytes are the kernel's count on the connection, since OpenCV doesn't say."""
+        frame = super().read()
+        parts = urlsplit(self._address)
+        counted = wire_bytes(parts.port or _PORTS.get(parts.scheme, 554))
+        self.bytes_read = max(self.bytes_read, counted[1] if counted else 0)
+        return frame
 
     def diagnose(self) -> str:
         """Asks the server, since OpenCV doesn't say why it couldn't open the stream."""

@@ -30,11 +30,10 @@ ENTRY = {
 class ScriptedReader:
     """A reader that plays what a test gives it: pictures, None, an exception, or "hang"."""
 
-    bytes_read = 0
-
     def __init__(self, script: Iterator[object]) -> None:
         self._script = script
         self.closed = False
+        self.bytes_read = 0
 
     def open(self) -> None:
         pass
@@ -45,6 +44,7 @@ class ScriptedReader:
         if isinstance(step, Exception):
             raise step
         if isinstance(step, np.ndarray):
+            self.bytes_read += 1000
             return CapturedFrame(step, time.time_ns(), "arrival")
         if step == "hang":
             threading.Event().wait()
@@ -115,6 +115,7 @@ def test_a_stream_that_fails_is_named_and_opened_anew(start) -> None:  # type: i
     until(lambda: len(log) == 2)
     assert log[0] == "the stream is lost: failed, the stream has ended"
     assert log[1].startswith("the stream is back after")
+    assert source.stream.n_bytes == 2000, "what came before the loss is counted, too"
 
 
 def test_a_fault_of_a_decoder_ends_nothing_and_tells_no_address(start) -> None:  # type: ignore[no-untyped-def]

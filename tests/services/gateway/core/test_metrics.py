@@ -29,7 +29,7 @@ def camera(id: str, **facts) -> Camera:
         "width_px": 1,
         "height_px": 1,
         "tier": "jpeg+depth",
-        "stream": {"state": "live", "reason": "", "since": None},
+        "stream": {"state": "live", "reason": "", "since": None, "n_bytes": 8},
         "paused": False,
         "invoked": True,
         "views": [],
@@ -89,6 +89,7 @@ def test_a_camera_has_its_three_numbers_and_its_views():
     assert (told["camera_views_expected", "c1"], told["camera_views_processed", "c1"]) == (13, 7)
     assert (told["camera_up", "c1", "0"], told["camera_up", "c2", "0"]) == (1, 0)
     assert told["camera_stream_live", "c1", "0"] == 1
+    assert told["camera_stream_bytes_total", "c1", "0"] == 8
     assert told["floor_pending_views", "0"] == 4
 
 

@@ -46,9 +46,13 @@ def test_rtsp(videos: Path, codec: str) -> None:
         reader.open()
         try:
             frames = [reader.read() for _ in range(3)]
+            first_bytes = reader.bytes_read
+            for _ in range(3):
+                reader.read()
         finally:
             reader.close()
     assert all(frame is not None and same_room(frame.rgb) for frame in frames)
+    assert 0 < first_bytes <= reader.bytes_read, "the bytes of its connection aren't counted"
     assert [f.clock for f in frames if f] == ["arrival"] * 3
     assert abs(frames[-1].captured_ns - time.time_ns()) < 10e9
 
