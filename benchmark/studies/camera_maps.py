@@ -30,14 +30,14 @@ from surveilnav.simulator.simulation import SimulatedBuilding
 from surveilnav.simulator.truth.choose import choose_backend
 
 #: What cameras know of depth and of their own pose. Errors of pose are the medians of poses from ten and from six clicks.
-ARMS: Mapping[str, dict[str, object]] = {
-    "depth sensor": {},
-    "our depth network": {"camera_depth": "network"},
-    "network, pose from 10 clicks": {"camera_depth": "network", "camera_error_m": 0.04, "camera_error_deg": 0.34},
-    "network, pose from 6 clicks": {"camera_depth": "network", "camera_error_m": 0.07, "camera_error_deg": 0.51},
-    "wrong by 5 % and 4 %": {"camera_depth": "estimate-5"},
-    "wrong by 15 % and 6 %": {"camera_depth": "estimate-15"},
-    "floor contact": {"camera_depth": "none"},
+ARMS: Mapping[str, RunSettings] = {
+    "depth sensor": RunSettings(),
+    "our depth network": RunSettings(camera_depth="network"),
+    "network, pose from 10 clicks": RunSettings(camera_depth="network", camera_error_m=0.04, camera_error_deg=0.34),
+    "network, pose from 6 clicks": RunSettings(camera_depth="network", camera_error_m=0.07, camera_error_deg=0.51),
+    "wrong by 5 % and 4 %": RunSettings(camera_depth="estimate-5"),
+    "wrong by 15 % and 6 %": RunSettings(camera_depth="estimate-15"),
+    "floor contact": RunSettings(camera_depth="none"),
 }
 _NEAR_M = 6.0
 #: An object farther than this from every thing of its class is counted as a ghost, and not as an error of place.
@@ -113,8 +113,8 @@ def compare_obstacles(joint: JointMap, exact: JointMap, into: Measured) -> None:
         (grid, ours), (_, truth) = joint.layer(floor, "occupancy"), exact.layer(floor, "occupancy")
         if ours.shape != truth.shape or not (ours.any() and truth.any()):
             continue
-        into.ghost_walls_m.append(_mean_distance_m(ours > 0, truth > 0, grid.resolution_m))
-        into.missing_walls_m.append(_mean_distance_m(truth > 0, ours > 0, grid.resolution_m))
+        into.ghost_walls_m.append(_mean_distance_m(ours != 0, truth != 0, grid.resolution_m))
+        into.missing_walls_m.append(_mean_distance_m(truth != 0, ours != 0, grid.resolution_m))
 
 
 def _mean_distance_m(of: NDArray[np.bool_], to: NDArray[np.bool_], resolution_m: float) -> float:
@@ -135,12 +135,12 @@ def main() -> None:
         data = load_scene(args.root, args.split, scene)
         building = open_scene(data.record, lighting="flat")
         building.settings.depth_noise = False
-        exact = fused(data, building, RunSettings(split=args.split))
+        exact = fused(data, building, RunSettings())
         building.settings.depth_noise = True
         for name, arm in ARMS.items():
-            joint = fused(data, building, RunSettings(split=args.split, **arm))
+            joint = fused(data, building, arm)
             compare_objects(joint, data, building, measured[name])
-            if arm.get("camera_depth") != "none":
+            if arm.camera_depth != "none":
                 compare_obstacles(joint, exact, measured[name])
         print(f"{number} of {len(scenes)}: {scene}", flush=True)
     print("\n| cameras | object's error, median | 90 % below | things found | ghosts | obstacles too many | missing |")
