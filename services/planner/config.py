@@ -20,6 +20,13 @@ class PlannerSettings(BaseSettings):
     store: str = Field(
         default="", description="the SQLite file that missions are stored in; empty: they don't survive a restart"
     )
+    first_look_s: float = Field(
+        default=0.0,
+        ge=0,
+        le=50,
+        description="before its robot moves, all cameras of the floor look for the target for at most this time; 0: only the "
+        "cameras near the robot are invoked, as in the paper",
+    )
     maps_timeout_s: float = Field(
         default=120.0, gt=0, description="a mission fails if the maps with its robot's view take longer"
     )

@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 import math
+import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import cast
 
 from surveilnav.bus import Node, Refused, Table, Unanswered, clock_ns
-from surveilnav.contract import MAP_REVISION, ROBOT_COMMAND, ROBOT_STATUS
+from surveilnav.contract import CAMERA_SEARCH, MAP_REVISION, ROBOT_COMMAND, ROBOT_STATUS
 from surveilnav.errors import WireError
-from surveilnav.messages import Command, CommandReply, Revision, RobotStatus, Stair
+from surveilnav.messages import CameraSearch, Command, CommandReply, Revision, RobotStatus, Stair
 from surveilnav.messages.robot import ActionName
 from surveilnav.services.planner.config import PlannerSettings
 from surveilnav.services.planner.core import FloorMaps
 from surveilnav.services.planner.floor_maps import FloorMapsClient
 
 _POLL_S = 0.004
+_LOOKING_S = 0.05
 _ASK_AGAIN_S = 2.0
 _MAX_STAIRS = 64
 _FARTHEST_M = 10_000.0
@@ -90,6 +92,21 @@ class MissionBus:
                 if isinstance(error, Refused) and error.name == "perception_down":
                     name, why = error.name, str(error)
                 self._wait_or_fail(began_s, self.settings.maps_timeout_s, name, why)
+
+    def first_look(self, target: str, floor: str, max_s: float) -> None:
+        """Has all cameras of a floor look for the target; returns when they have, or after ``max_s``, or if there are none."""
+        question = CameraSearch(stamp_ns=clock_ns(), target=target, floor=floor, max_s=max_s)
+
+        def ask() -> None:
+            try:
+                self.node.ask(CAMERA_SEARCH, question, timeout_s=max_s + self.settings.ask_timeout_s)
+            except (Unanswered, Refused) as error:
+                self.node.log.info("no first look by cameras", robot=self.robot, why=str(error))
+
+        asking = threading.Thread(target=ask, name="first-look", daemon=True)
+        asking.start()
+        while asking.is_alive():  # on a thread of its own, so that cancelling doesn't wait for the cameras
+            self._pause(_LOOKING_S)
 
     def move(self, action: str, seq: int, mission: str, to_floor: str | None = None) -> int:
         """Has the robot carry out one action after observation ``seq``; returns its newest sequence number.

@@ -202,6 +202,10 @@ class MissionRunner:
         A resumed mission starts with the action that was decided on last. By the robot's sequence number, it is known whether
         the robot has carried out that action already.
         """
+        if self._settings.first_look_s and self._state.step == 0 and self._pending is None:
+            floor = self._bus.robot_status().floor
+            self.report.publish_waiting(f"the cameras of floor {floor} look for a {self.status.target}")
+            self._bus.first_look(self.status.target, floor, self._settings.first_look_s)
         while True:
             self._bus.check_cancelled()
             if self._pending is None:

@@ -17,6 +17,7 @@ import pytest
 
 from surveilnav.bus import Answer, Refused, Unanswered
 from surveilnav.contract import (
+    CAMERA_SEARCH,
     CAMERA_SUMMARY,
     FLOOR_MAPS,
     MAP_REVISION,
@@ -33,6 +34,7 @@ from surveilnav.contract import (
 from surveilnav.geometry import Pose, base_pose
 from surveilnav.messages import (
     FINISHED_STATES,
+    CameraSearchReport,
     CameraSummary,
     CommandReply,
     FloorMapsHeader,
@@ -483,6 +485,57 @@ def test_nothing_waits_for_cameras(fakes, planner, client):
     submit(client)
     assert end_of(client).found
     assert f.pending == 3
+
+
+FIRST_LOOK = QUICK.model_copy(update={"first_look_s": 5.0})
+
+
+@pytest.mark.parametrize("refusal", ["", "no_camera"])
+def test_the_cameras_look_before_the_robot_moves(fakes, planner, client, refusal):
+    f, asked = fakes(), []
+
+    def search(request):
+        asked.append((request.message.target, request.message.floor, request.message.max_s, len(f.commands)))
+        if refusal:
+            raise Refused(refusal, "no camera is there")
+        time.sleep(0.4)
+        asked.append(len(f.commands))
+        return Answer(CameraSearchReport(stamp_ns=1, target="chair", cameras=[], lacking={}, complete=True))
+
+    f.fusion_node.serve(CAMERA_SEARCH, search, fusion="fusion-r1")
+    planner(FIRST_LOOK)
+    submit(client)
+    assert end_of(client).found
+    assert asked == [("chair", "floor-r1", 5.0, 0)] + ([] if refusal else [0]), "once, and nothing moves meanwhile"
+
+
+def test_without_the_setting_only_the_cameras_near_the_robot_look(fakes, planner, client):
+    f, asked = fakes(), []
+    f.fusion_node.serve(CAMERA_SEARCH, lambda request: asked.append(request), fusion="fusion-r1")
+    planner()
+    submit(client)
+    assert end_of(client).found
+    assert not asked
+
+
+def test_a_mission_is_cancelled_while_the_cameras_look(fakes, planner, client):
+    f, begun, ends = fakes(), threading.Event(), threading.Event()
+
+    def search(request):
+        begun.set()
+        ends.wait(20)
+        raise Refused("no_camera", "too late")
+
+    f.fusion_node.serve(CAMERA_SEARCH, search, fusion="fusion-r1")
+    planner(FIRST_LOOK)
+    submit(client)
+    assert begun.wait(10)
+    try:
+        client.ask(MISSION_CANCEL, MissionCancel(stamp_ns=1, mission="m1"), mission="m1", timeout_s=5)
+        assert end_of(client, timeout_s=3.0).state == "cancelled"
+    finally:
+        ends.set()
+    assert set(f.commands) <= {"stop"}
 
 
 def test_lost_robot(fakes, planner, client):
