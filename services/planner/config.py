@@ -24,8 +24,8 @@ class PlannerSettings(BaseSettings):
         default=0.0,
         ge=0,
         le=50,
-        description="before its robot moves, all cameras of the floor look for the target for at most this time; 0: only the "
-        "cameras near the robot are invoked, as in the paper",
+        description="a robot waits at most so long until all views of its floor's cameras were looked at for the target; 0: it "
+        "drives off at once, and the views come while it drives",
     )
     maps_timeout_s: float = Field(
         default=120.0, gt=0, description="a mission fails if the maps with its robot's view take longer"

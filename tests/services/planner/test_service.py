@@ -509,7 +509,7 @@ def test_the_cameras_look_before_the_robot_moves(fakes, planner, client, refusal
     assert asked == [("chair", "floor-r1", 5.0, 0)] + ([] if refusal else [0]), "once, and nothing moves meanwhile"
 
 
-def test_without_the_setting_only_the_cameras_near_the_robot_look(fakes, planner, client):
+def test_without_the_setting_the_robot_drives_off_at_once(fakes, planner, client):
     f, asked = fakes(), []
     f.fusion_node.serve(CAMERA_SEARCH, lambda request: asked.append(request), fusion="fusion-r1")
     planner()
