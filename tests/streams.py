@@ -7,6 +7,7 @@ import subprocess
 import sys
 import sysconfig
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -31,14 +32,16 @@ def room(t: int = 0, size_px: tuple[int, int] = (320, 240), noise: float = 3.0) 
     return np.clip(picture, 0, 255).astype(np.uint8)
 
 
-def write_video(path: Path, frames: Iterator[np.ndarray], fps: int = 5, codec: str = "libx264") -> Path:
-    """An MP4 of pictures (height, width, 3) of one size."""
+def write_video(
+    path: Path, frames: Iterator[np.ndarray], fps: int = 5, codec: str = "libx264", b_frames: int = 0
+) -> Path:
+    """An MP4 of pictures (height, width, 3) of one size. ``b_frames``: so many in a row refer to later ones."""
     import av
 
     with av.open(str(path), "w") as container:
         stream = container.add_stream(codec, rate=fps)
         stream.pix_fmt, stream.gop_size = "yuv420p", fps
-        stream.codec_context.max_b_frames = 0
+        stream.codec_context.max_b_frames = b_frames
         for i, rgb in enumerate(frames):
             if i == 0:
                 stream.width, stream.height = rgb.shape[1], rgb.shape[0]
@@ -142,3 +145,38 @@ def one_line_server(line: bytes) -> Iterator[int]:
         yield int(server.getsockname()[1])
     finally:
         server.close()
+
+
+@contextmanager
+def jittery(address: str, delay_s: float) -> Iterator[str]:
+    """The same RTSP server behind a line that keeps what it sends for 0 to ``delay_s`` more, drawn anew for every packet."""
+    host, port = address.removeprefix("rtsp://").split(":")
+    listener = socket.create_server(("127.0.0.1", 0))
+    rng = np.random.default_rng(1)
+
+    def carry(source: socket.socket, sink: socket.socket, delayed: bool) -> None:
+        try:
+            while data := source.recv(8192):
+                if delayed:
+                    time.sleep(rng.uniform(0.0, delay_s))
+                sink.sendall(data)
+        except OSError:
+            pass
+        finally:
+            sink.close()
+
+    def accept() -> None:
+        while True:
+            try:
+                near, _ = listener.accept()
+            except OSError:
+                return
+            far = socket.create_connection((host, int(port)))
+            threading.Thread(target=carry, args=(near, far, False), daemon=True).start()
+            threading.Thread(target=carry, args=(far, near, True), daemon=True).start()
+
+    threading.Thread(target=accept, daemon=True).start()
+    try:
+        yield f"rtsp://127.0.0.1:{listener.getsockname()[1]}"
+    finally:
+        listener.close()

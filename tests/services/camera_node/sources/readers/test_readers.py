@@ -57,6 +57,35 @@ def test_rtsp(videos: Path, codec: str) -> None:
     assert abs(frames[-1].captured_ns - time.time_ns()) < 10e9
 
 
+def numbered(t: int) -> np.ndarray:
+    """A room whose lower edge is brighter by 2 in each picture, so that their order can be seen."""
+    picture = streams.room(t)
+    picture[200:] = 40 + 2 * t
+    return picture
+
+
+def test_pictures_that_refer_to_later_ones_come_in_their_order(tmp_path: Path) -> None:
+    streams.write_video(tmp_path / "b.mp4", (numbered(t) for t in range(60)), b_frames=3)
+    with streams.rtsp_server(tmp_path) as (address, _):
+        reader = RtspReader(f"{address}/b.mp4", period_s=0.0)
+        reader.open()
+        try:
+            shown = [(reader.read().rgb[210:].mean() - 40) / 2 for _ in range(12)]
+        finally:
+            reader.close()
+    assert np.diff(shown) == pytest.approx(1.0, abs=0.7)
+
+
+def test_a_line_with_jitter_loses_nothing(videos: Path) -> None:
+    with streams.rtsp_server(videos) as (server, _), streams.jittery(server, 0.2) as address:
+        reader = RtspReader(f"{address}/h264.mp4", period_s=0.0)
+        reader.open()
+        try:
+            assert all(same_room(reader.read().rgb) for _ in range(10))
+        finally:
+            reader.close()
+
+
 def test_a_killed_rtsp_server_ends_the_stream(videos: Path) -> None:
     with streams.rtsp_server(videos) as (address, process):
         reader = RtspReader(f"{address}/h264.mp4", period_s=0.0)
