@@ -16,7 +16,7 @@ from surveilnav.services.fusion.core.config import FusionConfig
 from surveilnav.services.fusion.core.joint_map import JointMap
 
 #: Version of a snapshot's contents; snapshots of other versions aren't read.
-VERSION = 8
+VERSION = 9
 _MAX_BYTES = 8 << 30
 
 

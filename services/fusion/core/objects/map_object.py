@@ -19,10 +19,13 @@ from surveilnav.services.fusion.core.objects.config import ObjectConfig
 from surveilnav.services.fusion.core.objects.evidence import Evidence
 from surveilnav.services.fusion.core.objects.localization import LocatedDetection
 from surveilnav.services.fusion.core.objects.shape import Shape
+from surveilnav.services.fusion.core.objects.sighting_box import SightingBox
 from surveilnav.services.fusion.core.objects.view_evidence import Direction
 
 Change = Literal["created", "matched", "merged", "confirmed", "rejected", "flipped", "not_seen"]
 #: Attributes that are plain values or arrays and go into ``state`` as they are.
+#: Of more views of cameras without a depth sensor, the newest are kept.
+_MAX_ESTIMATED = 16
 _STATE = (
     "id",
     "embedding_sum",
@@ -59,6 +62,7 @@ class MapObject:
             are left out.
         seen_from_sum: sum of the horizontal unit vectors (2,) from the object towards the cameras of its detections.
         covariance_m2: (2, 2) of its horizontal position as long as that is only estimated; None once a sensor has measured it.
+        estimated: where cameras without a depth sensor saw something that may be this object, the oldest first.
         merge_pending: whether the object has changed since duplicates were last searched for.
         record: the object as a message, cached until something happens to it.
         revision: revision of the joint map at which something last happened to it.
@@ -81,6 +85,7 @@ class MapObject:
     merge_pending: bool = True
     embedding_model: str = ""
     covariance_m2: NDArray[np.float64] | None = None
+    estimated: list[SightingBox] = field(default_factory=list)
     record: ObjectRecord | None = None
     revision: int = 0
 
@@ -123,6 +128,20 @@ class MapObject:
         self.evidence.add_detection(
             detection.label, detection.score, detection.confidence, _direction_of(view, located.shape)
         )
+        if located.covariance_m2 is not None:
+            self.estimated = [*self.estimated, SightingBox.from_detection(view, detection)][-_MAX_ESTIMATED:]
+
+    def verify_estimated(self) -> None:
+        """Once a sensor has measured the object: a camera without one whose picture shows the object just there saw this object.
+
+        What it saw then counts as that of a camera with a depth sensor.
+        """
+        if self.covariance_m2 is not None or not self.estimated:
+            return
+        shown = {sighting.source for sighting in self.estimated if sighting.shows(self.shape.samples)}
+        self.estimated = [sighting for sighting in self.estimated if sighting.source not in shown]
+        for source in sorted(shown):
+            self.evidence.by_direction.move(("estimate", source), ("camera", source))
 
     def add_miss(self, view: PosedView) -> None:
         """Adds a robot's view that had the object in plain sight without a detection of it."""
@@ -139,6 +158,7 @@ class MapObject:
         self.n_detections += other.n_detections
         self.sources |= other.sources
         self.evidence.absorb(other.evidence)
+        self.estimated = [*self.estimated, *other.estimated][-_MAX_ESTIMATED:]
         events = sorted([*self.history, *other.history], key=lambda e: e.stamp_ns)
         self.history = deque(events, maxlen=self.history.maxlen)
 
@@ -181,6 +201,7 @@ class MapObject:
             "evidence": self.evidence.state(),
             "sources": sorted(self.sources),
             "history": list(self.history),
+            "estimated": [sighting.state() for sighting in self.estimated],
             **{name: getattr(self, name) for name in _STATE},
         }
 
@@ -192,6 +213,7 @@ class MapObject:
             evidence=Evidence.from_state(state["evidence"]),
             sources=set(state["sources"]),
             history=history,
+            estimated=[SightingBox.from_state(row) for row in state["estimated"]],
             **{name: state[name] for name in _STATE},
         )
 

@@ -189,6 +189,7 @@ class ObjectMap:
     def _reassess(self, obj: MapObject, view: PosedView) -> None:
         """Applies the rule of confirmation, and the size prior, to an object whose evidence or shape has changed."""
         obj.record = None
+        obj.verify_estimated()
         former_status, former_flip = obj.status, obj.evidence.flipped
         self._confirmation.update(obj.evidence)
         result = self._confirmation.assess(obj.evidence, former_status)

@@ -6,8 +6,9 @@ It differs from the paper (section "Joint Object Confirmation") in three points:
   together (``posterior``).
 - No category is decided for good: the object is of the most probable class at any time.
 - A robot that looks from close by without detecting the object speaks against it.
-- Cameras without a depth sensor only guide the search: once an object's place is measured, what they saw doesn't count towards
-  confirming it, since they may have seen another object beside it. It still counts against rejecting it.
+- Cameras without a depth sensor guide the search. Once an object's place is measured, what they saw counts towards confirming it
+  only if the object fills the box of their detection (``sighting_box``): else they may have seen another object before or
+  behind it. It still counts against rejecting it.
 """
 
 from __future__ import annotations

@@ -77,6 +77,11 @@ class EvidenceByDirection:
                 for label, n in theirs.detections.items():
                     evidence.add_detections(label, theirs.max_log_odds[label], n)
 
+    def move(self, old: Direction, new: Direction) -> None:
+        """Counts what was seen from one direction as seen from another."""
+        moved = EvidenceByDirection({new: self.views.pop(old)} if old in self.views else {})
+        self.absorb(moved)
+
     def _at(self, direction: Direction) -> ViewEvidence | None:
         """The evidence from a direction, created if needed; None once there are so many that another adds nothing."""
         if direction not in self.views and len(self.views) >= _MAX_DIRECTIONS:

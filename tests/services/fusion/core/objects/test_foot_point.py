@@ -210,6 +210,32 @@ def test_a_thing_is_confirmed_only_once_a_sensor_has_measured_its_place(world, t
     assert (record.status, record.position_sigma_m) == ("confirmed", 0.0)
 
 
+@pytest.mark.parametrize(
+    ("too_far_m", "counts", "robot_first"), [(0, True, True), (0, True, False), (0.8, False, True)]
+)
+def test_what_a_camera_saw_confirms_the_thing_that_fills_its_box(  # type: ignore[no-untyped-def]
+    world, tools, too_far_m: float, counts: bool, robot_first: bool
+) -> None:
+    """A thing behind the measured one may be the same by its uncertain place, but it isn't just there in the picture."""
+    world.boxes |= {"stool": STOOL}
+    robot = []
+    for seq, (x, y, yaw) in enumerate([(0.8, 0.6, 0.0), (1.2, 1.6, -0.8)], start=1):
+        v = world.view(x, y, yaw, -0.3, seq=seq)
+        robot.append((v, tools.seen(world.detect(v, "stool", "chair", 0.35, EMBEDDING))))
+    v = view((-4.5, 0.6, 2.5), pitch=-0.3, seq=2)
+    sighting = seen(v, np.array(STOOL) + np.array([too_far_m, 0.0, 0.0]))
+    camera = [(v, tools.seen(replace(sighting, score=0.97)))]
+    joint, only_robot = JointMap(), JointMap()
+    for step in robot + camera if robot_first else camera + robot:
+        joint.accept(*step)
+    for step in robot:
+        only_robot.accept(*step)
+    (record,), (alone,) = joint.objects("0"), only_robot.objects("0")
+    assert alone.status == "candidate", "the robot's word alone isn't enough here"
+    assert record.n_detections == 3
+    assert (record.status == "confirmed") is counts, record.reason
+
+
 def test_a_snapshot_keeps_the_uncertainty(tools) -> None:  # type: ignore[no-untyped-def]
     joint = JointMap()
     v = view()
