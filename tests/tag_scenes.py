@@ -143,7 +143,11 @@ def seen_corners(lens: Lens, T_camera_tag: Matrix4, size_m: float) -> NDArray[np
 
 
 def random_stops(
-    rng: np.random.Generator, n: int, reach_m: tuple[float, float] = (1.5, 6.0), turn_rad: float = 0.9
+    rng: np.random.Generator,
+    n: int,
+    reach_m: tuple[float, float] = (1.5, 6.0),
+    turn_rad: float = 0.9,
+    size_m: float = 0.16,
 ) -> NDArray[np.float64]:
     """(n, 3) stops in view of the camera of ``T_WORLD_CAMERA``; the robot faces it to ``turn_rad``."""
     found: list[tuple[float, float, float]] = []
@@ -151,6 +155,6 @@ def random_stops(
         distance, bearing = rng.uniform(*reach_m), rng.uniform(-0.6, 0.6)
         x, y = distance * math.cos(bearing), distance * math.sin(bearing)
         pose = x, y, bearing + math.pi + rng.uniform(-turn_rad, turn_rad)
-        if scene_from_poses(np.array([pose])).sightings.stops[0].seen:
+        if scene_from_poses(np.array([pose]), size_m=size_m).sightings.stops[0].seen:
             found.append(pose)
     return np.array(found)

@@ -24,7 +24,7 @@ def cell(n: int, size_m: float, sigma_px: float, wrong: bool, draws: int) -> str
     errors, stated_m = [], []
     for seed in range(draws):
         rng = np.random.default_rng(seed)
-        scene = scene_from_poses(random_stops(rng, n), size_m=size_m).with_errors(rng, sigma_px)
+        scene = scene_from_poses(random_stops(rng, n, size_m=size_m), size_m=size_m).with_errors(rng, sigma_px)
         if wrong:
             scene.sightings.stops[0].x_m += 1.0
         try:

@@ -1,7 +1,7 @@
 """What a robot's stops leave open about the cameras, and which stops would close it.
 
 The derivatives of the sightings have singular values of zero where a combination of unknowns changes no picture
-(tests/shared/camera_pose/tag/test_identifiability.py counts them):
+(tests/shared/camera_pose/tag/test_model.py counts them):
 
 - cameras and tag all higher by the same length: always, so the tag's height has to be told;
 - all stops in one direction: the tag shifted on the robot, and the cameras the other way (2);

@@ -25,9 +25,6 @@ _MIN_AGREEING_SHARE = 0.6
 _AGREES_D2 = 32.0
 #: Standard deviation of the position [m] from which a pose is of no use.
 _MAX_SIGMA_M = 0.5
-_NOTHING_FITS = (
-    "saw nothing that fits the robot's poses: check the tag's size, the lens, and whether the robot knows where it is"
-)
 _FIRST_CAMERAS = 3  # by which the tag's place on the robot is looked for
 
 
@@ -120,7 +117,7 @@ def solve_tag(
         )
         rough = _rough(seen)
         if rough is None:
-            refused |= dict.fromkeys(names, _NOTHING_FITS)
+            refused |= {name: _nothing_fits(seen, camera) for camera, name in enumerate(names)}
             break
         faulty, state, agree = _solved(seen, rough)
         if not faulty:
@@ -207,6 +204,13 @@ def _contradiction(n_agree: int, n: int) -> str:
         f"saw the tag at {n} stops, which contradict each other: only {n_agree} agree, and {MIN_STOPS} are needed. Check its "
         "lens, the tag's size and height, and whether the robot knows where it is; or make more stops"
     )
+
+
+def _nothing_fits(seen: Observations, camera: int) -> str:
+    own = seen.stops[np.unique(seen.stop[seen.camera == camera])]
+    if np.ptp(own[:, :2], axis=0).max() < 1e-6:  # no line between two of them
+        return f"could be anywhere: {fault_of_stops(own, own)}"
+    return "saw nothing that fits the robot's poses: check the tag's size, the lens, and whether the robot knows where it is"
 
 
 def _rough(seen: Observations) -> State | None:
