@@ -250,5 +250,6 @@ def _tag_in_words(fit: TagFit) -> str:
     ahead = f"{abs(x):.2f} m {'ahead of' if x >= 0 else 'behind'} the robot's centre"
     side = f"{abs(y):.2f} m to its {'left' if y >= 0 else 'right'}"
     up = math.degrees(math.asin(float(np.clip(normal[2], -1, 1))))
-    faces = f"{math.degrees(math.atan2(normal[1], normal[0])):.0f} degrees from ahead, " if abs(up) < 80 else ""
+    aside = round(math.degrees(math.atan2(normal[1], normal[0])))
+    faces = f"{aside} degrees from ahead, " if abs(up) < 80 else ""
     return f"the tag sits {ahead} and {side}; it faces {faces}{up:.0f} degrees upwards"

@@ -71,10 +71,10 @@ def test_cameras_with_different_lenses_are_found_together() -> None:
         assert len(camera.stops) == scene.sightings.count(name)
 
 
-def test_places_far_from_the_origin_and_an_upper_floor_change_nothing() -> None:
+def test_places_far_from_the_origin_change_nothing() -> None:
     T = T_WORLD_CAMERA.copy()
     T[:3, 3] += [4000.0, -700.0, 0.0]
-    poses = random_stops(np.random.default_rng(3), 8) + [4000.0, -700.0, 0.0]
+    poses = random_stops(np.random.default_rng(3), 8) + np.array([4000.0, -700.0, 0.0])
     fit = scene_from_poses(poses, {"lobby": T}).solve()
     assert fit.cameras["lobby"].T_world_camera == pytest.approx(T, abs=1e-4)
 
