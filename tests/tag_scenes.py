@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surveilnav.camera_pose.tag.detection import tag_corners, tag_picture
+from surveilnav.camera_pose.tag.model import Observations, State
 from surveilnav.camera_pose.tag.sightings import Sightings, Stop, Tag
 from surveilnav.camera_pose.tag.solve import TagFit, solve_tag
 from surveilnav.geometry import Matrix4, Pinhole, base_pose, camera_pose, inverse, transform_points
@@ -158,3 +159,21 @@ def random_stops(
         if scene_from_poses(np.array([pose]), size_m=size_m).sightings.stops[0].seen:
             found.append(pose)
     return np.array(found)
+
+
+def exactly(scene: Scene) -> tuple[State, Observations]:
+    """The true state, and what is seen."""
+    names = list(scene.lenses)
+    rows = [(names.index(k), i, c) for i, stop in enumerate(scene.sightings.stops) for k, c in stop.seen.items()]
+    stops = np.array([(stop.x_m, stop.y_m, stop.yaw_rad) for stop in scene.sightings.stops])
+    seen = Observations(
+        tuple(scene.lenses.values()),
+        np.array([row[0] for row in rows]),
+        np.array([row[1] for row in rows]),
+        np.array([row[2] for row in rows]),
+        stops,
+        np.zeros(len(stops)),
+        scene.sightings.tag.size_m,
+        scene.sightings.tag.height_m,
+    )
+    return State(np.stack(list(scene.T_world_camera.values())), scene.T_robot_tag, stops), seen

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from surveilnav.camera_pose.tag.adjustment import nullity, singular_values
-from surveilnav.camera_pose.tag.model import Observations, State, linearise
+from surveilnav.camera_pose.tag.model import State, linearise
 from surveilnav.geometry import camera_pose
 from surveilnav.geometry.lens import BrownConrady, KannalaBrandt
-from tests.tag_scenes import LENS, T_WORLD_CAMERA, Scene, random_stops, scene_from_poses, tag_on_robot
+from tests.tag_scenes import LENS, T_WORLD_CAMERA, exactly, random_stops, scene_from_poses, tag_on_robot
 
 CAMERAS = {
     "pinhole": T_WORLD_CAMERA,
@@ -24,24 +24,6 @@ LENSES = {
     "distorted": BrownConrady(LENS.pinhole, (-0.3, 0.1, 0.001, -0.001)),
     "fisheye": KannalaBrandt(replace(LENS.pinhole, fx_px=400.0, fy_px=400.0), (0.01, -0.005, 0.0, 0.0)),
 }
-
-
-def exactly(scene: Scene) -> tuple[State, Observations]:
-    """The true state, and what is seen."""
-    names = list(scene.lenses)
-    rows = [(names.index(k), i, c) for i, stop in enumerate(scene.sightings.stops) for k, c in stop.seen.items()]
-    stops = np.array([(stop.x_m, stop.y_m, stop.yaw_rad) for stop in scene.sightings.stops])
-    seen = Observations(
-        tuple(scene.lenses.values()),
-        np.array([row[0] for row in rows]),
-        np.array([row[1] for row in rows]),
-        np.array([row[2] for row in rows]),
-        stops,
-        np.zeros(len(stops)),
-        scene.sightings.tag.size_m,
-        scene.sightings.tag.height_m,
-    )
-    return State(np.stack(list(scene.T_world_camera.values())), scene.T_robot_tag, stops), seen
 
 
 def test_the_truth_has_no_residuals_and_derivatives_are_those_of_differences() -> None:
