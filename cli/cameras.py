@@ -208,12 +208,14 @@ def calibrate_tag(
 def draw_tag(
     out: Annotated[Path, typer.Argument(metavar="FILE", help="The picture to write: .png.")],
     tag_id: Annotated[int, typer.Option(min=0, max=586, metavar="N", help="Number of the tag (family 36h11).")] = 0,
+    as_json: AsJson = False,
 ) -> None:
     """Draw the AprilTag for `calibrate-tag`, to be printed with its white margin."""
     from surveilnav.cli.calibrating_tag import write_tag  # loads NumPy and OpenCV
 
     write_tag(out, tag_id)
-    console.print(f"{out}: written; measure the black square once it is printed", markup=False, soft_wrap=True)
+    told = f"{out}: written; measure the black square once it is printed"
+    print_result({"file": str(out)}, as_json, lambda: results.print(told, markup=False, soft_wrap=True))
 
 
 @app.command("delete-pictures")
