@@ -18,6 +18,7 @@ from surveilnav.camera_pose.angles import yaw_pitch_roll
 from surveilnav.camera_pose.overlay import draw_overlay
 from surveilnav.cameras_file import CameraEntry, load_cameras
 from surveilnav.errors import ConfigError
+from surveilnav.geometry import Matrix4
 from surveilnav.geometry.polygon import pixels_in
 
 if TYPE_CHECKING:
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 
 _PICTURE_WAIT_S = 15.0
 #: What searches need (docs/use/calibration.md).
-_GOOD_M, _GOOD_RAD = 0.05, math.radians(1.0)
+GOOD_M, GOOD_RAD = 0.05, math.radians(1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,16 +42,20 @@ class Calibrated:
 
     def yaml_values(self) -> dict[str, str]:
         """What the file of cameras should say, by entry."""
-        angles = [math.degrees(a) for a in yaw_pitch_roll(self.fit.T_world_camera)]
-        values = {"position_m": "[" + ", ".join(f"{x:.3f}" for x in self.fit.T_world_camera[:3, 3]) + "]"}
-        # + 0.0 makes 0 of -0
-        values |= {
-            name: f"{round(a, 2) + 0.0:.2f}"
-            for name, a in zip(("yaw_deg", "pitch_deg", "roll_deg"), angles, strict=True)
-        }
+        values = yaml_of_pose(self.fit.T_world_camera)
         if self.fitted_hfov:
             values["lens.hfov_deg"] = f"{math.degrees(self.fit.hfov_rad):.2f}"
         return values
+
+
+def yaml_of_pose(T_world_camera: Matrix4) -> dict[str, str]:
+    """What the file of cameras should say of a pose, by entry."""
+    angles = [math.degrees(a) for a in yaw_pitch_roll(T_world_camera)]
+    values = {"position_m": "[" + ", ".join(f"{x:.3f}" for x in T_world_camera[:3, 3]) + "]"}
+    # + 0.0 makes 0 of -0
+    return values | {
+        name: f"{round(a, 2) + 0.0:.2f}" for name, a in zip(("yaw_deg", "pitch_deg", "roll_deg"), angles, strict=True)
+    }
 
 
 def calibrate_camera(camera: str, clicks_file: Path, cameras_file: Path, fit_hfov: bool) -> Calibrated:
@@ -205,7 +210,7 @@ def show(made: Calibrated, console: Console) -> None:
         lines.append(f"horizontal field of view {math.degrees(fit.hfov_rad):.1f} degrees; ± {sigma:.1f} degrees")
     for text in lines:
         console.print(text, markup=False, soft_wrap=True)
-    if fit.position_sigma_m > 2 * _GOOD_M or fit.angle_sigma_rad > 2 * _GOOD_RAD:
+    if fit.position_sigma_m > 2 * GOOD_M or fit.angle_sigma_rad > 2 * GOOD_RAD:
         console.print(
             "That is too uncertain for searches, which need 0.05 m and 1 degree: add points, far apart and at several heights.",
             style="yellow",

@@ -161,6 +161,63 @@ def calibrate(
         print_json(calibrating.as_json(made, write))
 
 
+@app.command("calibrate-tag")
+@needs("services")
+def calibrate_tag(
+    tag_size: Annotated[
+        float | None, typer.Option(min=0.02, max=2, metavar="M", help="Side of the tag's black square, measured.")
+    ] = None,
+    tag_height: Annotated[
+        float | None,
+        typer.Option(min=0, max=5, metavar="M", help="Height of the tag's centre above the floor, measured."),
+    ] = None,
+    tag_id: Annotated[int, typer.Option(min=0, max=586, metavar="N", help="Number of the tag (family 36h11).")] = 0,
+    file: Annotated[Path, typer.Option(metavar="FILE", help="The file of cameras.")] = Path("cameras.yaml"),
+    sightings: Annotated[
+        Path, typer.Option(metavar="FILE", help="Where sightings are kept. If the file is there, they are added to it.")
+    ] = Path("tag_sightings.yaml"),
+    robot: Annotated[str, typer.Option(metavar="ID", help="The robot with the tag, if there are several.")] = "",
+    offline: Annotated[
+        bool, typer.Option("--offline", help="Only solve what the file of sightings holds: no robot, no stream.")
+    ] = False,
+    write: Annotated[
+        bool, typer.Option("--write", help="Write the poses into the file of cameras; comments stay.")
+    ] = False,
+    url: Url = DEFAULT_URL,
+    as_json: AsJson = False,
+) -> None:
+    """Find where all cameras hang and look while a robot drives an AprilTag past them; Ctrl-C ends it and shows the result."""
+    from surveilnav.cli import calibrating_tag  # loads NumPy and OpenCV
+
+    made = calibrating_tag.TagCalibration.from_files(file, sightings, tag_id, tag_size, tag_height)
+    if not offline:
+        with gateway(url) as asked:
+            calibrating_tag.follow(made, asked, robot, console)
+    fit = made.solve()
+    if not as_json:
+        calibrating_tag.show(made, fit, results)
+    if write:
+        calibrating_tag.write(made, fit)
+        console.print(f"{file}: {', '.join(fit.cameras)} have their new places", markup=False, soft_wrap=True)
+    if as_json:
+        print_json(calibrating_tag.as_json(made, fit, write))
+
+
+@app.command("draw-tag")
+@needs("services")
+def draw_tag(
+    out: Annotated[Path, typer.Argument(metavar="FILE", help="The picture to write: .png.")],
+    tag_id: Annotated[int, typer.Option(min=0, max=586, metavar="N", help="Number of the tag (family 36h11).")] = 0,
+    as_json: AsJson = False,
+) -> None:
+    """Draw the AprilTag for `calibrate-tag`, to be printed with its white margin."""
+    from surveilnav.cli.calibrating_tag import write_tag  # loads NumPy and OpenCV
+
+    write_tag(out, tag_id)
+    told = f"{out}: written; measure the black square once it is printed"
+    print_result({"file": str(out)}, as_json, lambda: results.print(told, markup=False, soft_wrap=True))
+
+
 @app.command("delete-pictures")
 def delete_pictures(url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
     """Delete all past pictures now, but no maps, objects or recordings."""

@@ -35,6 +35,9 @@ SHAPES: dict[str, str] = {
     "cameras check": "`cameras` (views by name), `problems`",
     "cameras calibrate": "`camera`, `position_m`, `yaw_deg`, `pitch_deg`, `roll_deg`, `hfov_deg`, "
     "`position_sigma_m`, `angle_sigma_deg`, `points`, `written`",
+    "cameras calibrate-tag": "`cameras` (by name: `position_m`, `yaw_deg`, `pitch_deg`, `roll_deg`, `position_sigma_m`, "
+    "`angle_sigma_deg`, `stops`, `residual_px`), `refused`, `left_out`, `tag_on_robot_m`, `written`",
+    "cameras draw-tag": "`file`",
     "replay": "with `--check`: `recorded`, `replayed`, `views`, `began_with`, `ended`, `same`",
     "status": "`services`, `robots`, `cameras`, `perception`, `missions`: items each",
     "watch": "one object for each line: `id`, `event`, `data` (`Event`)",

@@ -60,6 +60,8 @@ NEEDING = {
     "models check": ("services", ["models", "check"]),
     "cameras check": ("services", ["cameras", "check", "cameras.yaml"]),
     "cameras calibrate": ("services", ["cameras", "calibrate", "lobby", "--clicks", "clicks.yaml"]),
+    "cameras calibrate-tag": ("services", ["cameras", "calibrate-tag", "--offline"]),
+    "cameras draw-tag": ("services", ["cameras", "draw-tag", "tag.png"]),
     "cameras schema": ("services", ["cameras", "schema"]),
     "dataset build": ("bench", ["dataset", "build"]),
     "dataset check": ("bench", ["dataset", "check"]),

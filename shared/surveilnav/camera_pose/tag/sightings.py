@@ -1,0 +1,143 @@
+"""The file of sightings: at which pixels each camera saw the tag's corners, and where the robot said it stood."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+from pydantic import AllowInfNan, BaseModel, ConfigDict, Field, ValidationError
+
+from surveilnav.camera_pose.tag.detection import TAGS
+from surveilnav.contract import ID_PATTERN
+from surveilnav.errors import ConfigError
+from surveilnav.storage import atomic_write
+from surveilnav.yaml_file import compose, line_of, plain
+
+_Finite = Annotated[float, AllowInfNan(False)]
+_Id = Annotated[str, Field(pattern=ID_PATTERN)]
+_Pixel = tuple[_Finite, _Finite]
+_Corners = tuple[_Pixel, _Pixel, _Pixel, _Pixel]
+
+
+class _Entry(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Tag(_Entry):
+    """The tag that the robot carries."""
+
+    id: int = Field(0, ge=0, lt=TAGS, description="number of the tag in the family 36h11")
+    size_m: Annotated[_Finite, Field(gt=0.01, le=2)] = Field(description="side of the black square [m]")
+    height_m: Annotated[_Finite, Field(ge=0, le=5)] = Field(description="the tag's centre above the floor [m]")
+
+
+class StopEntry(_Entry):
+    """A place where the robot stood still, and the corners that cameras saw meanwhile."""
+
+    robot: _Id
+    floor: _Id
+    xy_m: tuple[_Finite, _Finite] = Field(description="the robot's place in the building's frame, as it said")
+    yaw_deg: _Finite = Field(description="its direction, anticlockwise from +x")
+    seen: dict[_Id, _Corners] = Field(
+        description="by camera: (u, v) of the black square's corners in its picture, clockwise from the pattern's top left"
+    )
+
+
+class SightingsFile(_Entry):
+    """The file of sightings."""
+
+    tag: Tag
+    stops: list[StopEntry] = Field([], max_length=10_000)
+
+
+@dataclass(slots=True)
+class Stop:
+    """A place where the robot stood still. ``seen``: (4, 2) pixels of the corners by camera. ``line``: in the file; 0: new."""
+
+    robot: str
+    floor: str
+    x_m: float
+    y_m: float
+    yaw_rad: float
+    seen: dict[str, NDArray[np.float64]] = field(default_factory=dict)
+    line: int = 0
+
+
+@dataclass(slots=True)
+class Sightings:
+    """All sightings of a tag. Stop number 1 is the first one."""
+
+    tag: Tag
+    stops: list[Stop] = field(default_factory=list)
+
+    def count(self, camera: str) -> int:
+        """At how many stops a camera saw the tag."""
+        return sum(camera in stop.seen for stop in self.stops)
+
+
+def load_sightings(path: Path) -> Sightings:
+    """Reads a file of sightings.
+
+    Raises:
+        ConfigError: it can't be read or has mistakes; each is named at its line.
+    """
+    root = compose(path, "file of sightings")
+    if not isinstance(root, yaml.MappingNode):
+        raise ConfigError(f"{path}: expected a table with tag and stops; the file is empty or something else")
+    try:
+        entry = SightingsFile.model_validate(plain(root))
+    except ValidationError as error:
+        faults = [
+            f"{path}, line {line_of(root, e['loc'])}: {'.'.join(map(str, e['loc']))}: {e['msg']}"
+            for e in error.errors()
+        ]
+        raise ConfigError("\n".join(faults[:20])) from None
+    except ValueError as error:
+        raise ConfigError(f"{path}: {error}") from None
+    stops = [
+        Stop(
+            stop.robot,
+            stop.floor,
+            *stop.xy_m,
+            math.radians(stop.yaw_deg),
+            {camera: np.array(corners) for camera, corners in stop.seen.items()},
+            line_of(root, ("stops", i)),
+        )
+        for i, stop in enumerate(entry.stops)
+    ]
+    return Sightings(entry.tag, stops)
+
+
+def save_sightings(path: Path, sightings: Sightings) -> None:
+    """Writes a file of sightings, a line a stop; the file is replaced as a whole.
+
+    Raises:
+        ConfigError: it can't be written.
+    """
+    tag = sightings.tag
+    lines = [f"tag: {{id: {tag.id}, size_m: {tag.size_m:g}, height_m: {tag.height_m:g}}}"]
+    lines.append("stops:" if sightings.stops else "stops: []")
+    lines += [f"  - {_line(stop)}" for stop in sightings.stops]
+    try:
+        with atomic_write(path) as out:
+            out.write(("\n".join(lines) + "\n").encode())
+    except OSError as error:
+        raise ConfigError(f"{path} can't be written: {error.strerror}") from error
+
+
+def _line(stop: Stop) -> str:
+    seen = {
+        camera: [[round(float(x), 3) for x in corner] for corner in corners] for camera, corners in stop.seen.items()
+    }
+    # JSON's quoted strings are YAML, too: a camera's name may look like a number
+    shown = ", ".join(f"{json.dumps(camera)}: {corners}" for camera, corners in seen.items())
+    return (
+        f"{{robot: {json.dumps(stop.robot)}, floor: {json.dumps(stop.floor)}, xy_m: [{stop.x_m:.4f}, {stop.y_m:.4f}], "
+        f"yaw_deg: {math.degrees(stop.yaw_rad):.3f}, seen: {{{shown}}}}}"
+    )
