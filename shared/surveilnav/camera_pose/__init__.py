@@ -5,6 +5,7 @@ points       the file of clicks
 solve        the pose, its uncertainty, and which clicks contradict it; by hypotheses and refine
 angles       a pose as yaw, pitch and roll
 overlay      plan, floor and clicks drawn into the picture
+footprint    what the camera sees of the floor, for the plan
 """
 
 from surveilnav.camera_pose.floor_plan import FloorPlan, load_floor_plan
