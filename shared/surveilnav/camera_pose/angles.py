@@ -48,7 +48,7 @@ def angle_sigmas(T_world_camera: Matrix4, covariance: NDArray[np.float64]) -> tu
             turned = T_world_camera.copy()
             turned[:3, :3] = cv2.Rodrigues(rotation)[0] @ T_world_camera[:3, :3]
             angles.append(yaw_pitch_roll(turned))
-        change = np.subtract(*angles)
+        change = np.array(angles[0]) - np.array(angles[1])
         J[:, axis] = (change + math.pi) % (2 * math.pi) - math.pi
     J /= 2 * _STEP_RAD
     yaw, pitch, roll = np.sqrt(np.einsum("ij,jk,ik->i", J, covariance, J))

@@ -150,7 +150,7 @@ def _require_spread(lens: Lens, pixels: NDArray, places: NDArray, fit_hfov: bool
             )
     for i in np.nonzero(np.isnan(lens.rays(pixels)).any(axis=1))[0]:
         raise PoseError(
-            f"point {i + 1} lies where the lens sees nothing; check the lens, or leave the point out", [i + 1]
+            f"point {i + 1} lies where the lens sees nothing; check the lens, or leave the point out", [int(i) + 1]
         )
     extents = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)
     if extents[1] < _MIN_WIDTH_SHARE * max(extents[0], 1e-9):
