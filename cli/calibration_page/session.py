@@ -124,8 +124,8 @@ class Session:
 
     def solve(self, pairs: Pairs) -> dict[str, Any]:
         """Keeps the points, and says what pose follows from them: ``solution``, or else ``problem``."""
+        self._pairs = pairs  # at once: whoever reloads the page while an older pose is computed gets them
         with self._lock:
-            self._pairs = pairs
             try:
                 made = self._calibrated(pairs)
             except SurveilNavError as error:

@@ -3,7 +3,7 @@ import { startTheme, ThemeButton } from "../page/theme.js";
 import { html, render, useEffect } from "../page/ui.js";
 import { model, useModel } from "./model.js";
 import { Points, Pose, Save } from "./panels.js";
-import { getState } from "./server.js";
+import { getState, keep } from "./server.js";
 import { Stages } from "./stages.js";
 
 function nextStep({ points, half, solution, problem, contradicting }) {
@@ -36,6 +36,7 @@ function Page() {
   useEffect(() => {
     document.title = `Calibrate ${state.camera} – SurveilNav`;
     addEventListener("keydown", keys);
+    addEventListener("pagehide", () => { if (model.solving) keep(model.pairs); });
   }, []);
   return html`<header class="bar">
       <h1><img src=${new URL("../icon.svg", import.meta.url)} alt="" width="24" height="24" />Calibrate ${state.camera}</h1>

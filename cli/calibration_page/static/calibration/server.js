@@ -27,5 +27,7 @@ export const getState = () => json("state", "GET");
 export const getPlan = () => image("plan");
 export const getPicture = fresh => image("picture", fresh ? "POST" : "GET");
 export const solve = pairs => json("solution", "PUT", pairs);
+/** Leaves the points with the command while the page is being closed or reloaded: the browser sends this even then. */
+export const keep = pairs => fetch("solution", { method: "PUT", body: JSON.stringify(pairs), keepalive: true }).catch(() => {});
 export const savePose = pairs => json("pose", "POST", pairs);
 export const saveClicks = pairs => json("clicks", "POST", pairs);
