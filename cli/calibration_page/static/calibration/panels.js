@@ -7,6 +7,7 @@ import * as server from "./server.js";
 
 const HEIGHTS = [["Floor", 0], ["Door top", 2]];
 const GOOD_M = 0.05, GOOD_DEG = 1;
+const STEEP_DEG = -80; // from where yaw and roll can hardly be told apart
 
 const fixed = (value, digits) => value.toFixed(digits).replace(/^-(0(\.0*)?)$/, "$1");
 
@@ -64,7 +65,9 @@ export function Pose() {
     <div class="row head"><h2>Where it hangs and looks</h2><span class="grow"></span>${s && html`<${Verdict} s=${s} />`}</div>
     ${s ? html`<${Facts} s=${s} />` : problem && points.length ? html`<p id="problem" class=${points.length < 4 ? "soft" : "bad-text"}>${sentence(problem.message)}</p>`
       : html`<p class="empty">Nothing is known yet.</p>`}
-    ${s && html`<p class="small ${s.warning ? "warn-text" : "soft"}">${s.warning || "Searches need the position to 0.05 m and the direction to 1 degree."}</p>`}
+    ${s && html`<p class="small soft">Position ± ${fixed(s.position_sigma_m, 2)} m and direction ± ${fixed(s.angle_sigma_deg, 1)}° in all; searches need 0.05 m and 1°.
+      ${s.pitch_deg < STEEP_DEG && " It looks straight down: yaw and roll turn the picture in the same way, so each alone may be uncertain."}</p>`}
+    ${s?.warning && html`<p class="small warn-text">${s.warning}</p>`}
     <label><input type="checkbox" id="fit-hfov" checked=${fitHfov} disabled=${state.hfov_deg === null && !fitHfov} onChange=${e => model.setFitHfov(e.target.checked)} />
       Fit the field of view <span class="soft small">${state.hfov_deg === null ? "(the lens is calibrated)" : `(cameras.yaml: ${fixed(state.hfov_deg, 1)}°; six points, some off the floor)`}</span></label>
   </section>`;
@@ -98,10 +101,10 @@ export function Save() {
   return html`<section class="panel save" aria-label="Save">
     <div class="row head"><h2>Save</h2></div>
     <button class="primary" disabled=${!solution || solving || busy} onClick=${() => save(server.savePose)}>Save into ${basename(state.cameras_file)}</button>
-    <p class="soft small">Writes place and direction; a running camera uses them within seconds.</p>
+    <p class="soft small">Running cameras follow in seconds.</p>
     <button disabled=${!points.length || busy} onClick=${() => save(server.saveClicks)}>Save the clicks</button>
-    <p class="soft small">To ${basename(state.clicks_file)}, to go on another day.</p>
-    <p id="said" role="status" class=${said?.kind === "bad" ? "bad-text" : "good-text"}>${said?.text}</p>
+    <p class="soft small">To ${basename(state.clicks_file)}</p>
+    <p id="said" role="status" class=${`small ${said?.kind === "bad" ? "bad-text" : "good-text"}`}>${said?.text}</p>
   </section>`;
 }
 
