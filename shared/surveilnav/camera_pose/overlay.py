@@ -101,14 +101,19 @@ def visible_lines(lens: Lens, T_world_camera: Matrix4, lines: list[_Points]) -> 
 
     They may reach up to one picture's size beyond its edges, so that they don't end before them.
     """
-    found = []
-    width, height = lens.pinhole.width_px, lens.pinhole.height_px
-    for line in lines:
-        pixels = projected(lens, T_world_camera, line)
-        visible = _in_reach(pixels, width, height)
-        visible &= np.linalg.norm(line[:, :2] - T_world_camera[:2, 3], axis=1) <= _REACH_M
-        found += [pixels[start:end] for start, end in _runs(visible)]
-    return found
+    if not lines:
+        return []
+    p_world = np.concatenate(lines)  # at once: a plan with furniture and lettering has thousands of lines
+    pixels = projected(lens, T_world_camera, p_world)
+    visible = _in_reach(pixels, lens.pinhole.width_px, lens.pinhole.height_px)
+    visible &= np.linalg.norm(p_world[:, :2] - T_world_camera[:2, 3], axis=1) <= _REACH_M
+    ends = np.cumsum([len(line) for line in lines])
+    return [
+        pixels[first + start : first + end]
+        for first, last in zip([0, *ends[:-1]], ends, strict=True)
+        if visible[first:last].any()
+        for start, end in _runs(visible[first:last])
+    ]
 
 
 def projected(lens: Lens, T_world_camera: Matrix4, p_world: NDArray[np.floating]) -> _Points:
