@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from surveilnav.camera_pose import Clicks, PoseFit, load_clicks, solve_pose
+from surveilnav.camera_pose import Clicks, FloorPlan, PoseFit, solve_pose
 from surveilnav.camera_pose.angles import yaw_pitch_roll
 from surveilnav.camera_pose.overlay import draw_overlay
 from surveilnav.cameras_file import CameraEntry, load_cameras
@@ -27,6 +27,9 @@ if TYPE_CHECKING:
 _PICTURE_WAIT_S = 15.0
 #: What searches need (docs/use/calibration.md).
 GOOD_M, GOOD_RAD = 0.05, math.radians(1.0)
+TOO_UNCERTAIN = (
+    "That is too uncertain for searches, which need 0.05 m and 1 degree: add points, far apart and at several heights."
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +42,11 @@ class Calibrated:
     p_world: NDArray[np.float64]
     fit: PoseFit
     fitted_hfov: bool
+
+    @property
+    def too_uncertain(self) -> bool:
+        """Whether the pose is twice as uncertain as searches can do with."""
+        return self.fit.position_sigma_m > 2 * GOOD_M or self.fit.angle_sigma_rad > 2 * GOOD_RAD
 
     def yaml_values(self) -> dict[str, str]:
         """What the file of cameras should say, by entry."""
@@ -58,31 +66,47 @@ def yaml_of_pose(T_world_camera: Matrix4) -> dict[str, str]:
     }
 
 
-def calibrate_camera(camera: str, clicks_file: Path, cameras_file: Path, fit_hfov: bool) -> Calibrated:
-    """Reads both files and solves for the pose.
+def calibrate(camera: str, clicks: Clicks, source: Path, cameras_file: Path, fit_hfov: bool) -> Calibrated:
+    """Solves for the pose of a camera of a file.
+
+    Args:
+        source: the file of the clicks or of their plan, for messages.
 
     Raises:
-        ConfigError: a file has a mistake, or they don't fit together.
+        ConfigError: the file has a mistake, or clicks and camera don't fit together.
         PoseError: the clicks don't give a pose.
     """
-    entry, floor_z_m = _entry(camera, cameras_file)
-    clicks = load_clicks(clicks_file)
+    entry, floor_z_m = camera_entry(camera, cameras_file)
     if clicks.camera != camera:
-        raise ConfigError(f"{clicks_file}: these are clicks of camera {clicks.camera!r}, not of {camera!r}")
-    if clicks.plan is not None and clicks.plan.floor not in ("", entry.floor):
-        raise ConfigError(
-            f"{clicks_file}: the plan shows floor {clicks.plan.floor!r}, but camera {camera} is on floor {entry.floor!r}"
-        )
-    if fit_hfov and entry.lens.hfov_deg is None:
-        raise ConfigError(
-            f"--fit-hfov is for a lens that is given by hfov_deg; that of {camera} has focal_px, from a calibration"
-        )
+        raise ConfigError(f"{source}: these are clicks of camera {clicks.camera!r}, not of {camera!r}")
+    require_match(entry, clicks.plan, source, fit_hfov)
     p_world = clicks.p_floor + np.array([0.0, 0.0, floor_z_m])
     fit = solve_pose(entry.lens.lens(), clicks.pixels, p_world, fit_hfov=fit_hfov, floor_z_m=floor_z_m)
     return Calibrated(entry, floor_z_m, clicks, p_world, fit, fit_hfov)
 
 
-def _entry(camera: str, path: Path) -> tuple[CameraEntry, float]:
+def require_match(entry: CameraEntry, plan: FloorPlan | None, source: Path, fit_hfov: bool) -> None:
+    """Checks that a plan is of the camera's floor, and that the field of view of its lens can be fitted if it shall be.
+
+    Raises:
+        ConfigError: one of the two isn't so.
+    """
+    if plan is not None and plan.floor not in ("", entry.floor):
+        raise ConfigError(
+            f"{source}: the plan shows floor {plan.floor!r}, but camera {entry.name} is on floor {entry.floor!r}"
+        )
+    if fit_hfov and entry.lens.hfov_deg is None:
+        raise ConfigError(
+            f"--fit-hfov is for a lens that is given by hfov_deg; that of {entry.name} has focal_px, from a calibration"
+        )
+
+
+def camera_entry(camera: str, path: Path) -> tuple[CameraEntry, float]:
+    """A camera of a file, and the altitude of its floor.
+
+    Raises:
+        ConfigError: the file can't be read, or it has no such camera, or a mistake in it.
+    """
     file = load_cameras(path)
     if entry := file.cameras.get(camera):
         return entry, file.floors[entry.floor].z_m
@@ -97,26 +121,17 @@ def _entry(camera: str, path: Path) -> tuple[CameraEntry, float]:
 
 
 def write_overlay(made: Calibrated, out: Path, picture: Path | None, cameras_file: Path) -> None:
-    """Draws plan, grid and clicks into a picture of the camera. Its zones are black, as everywhere.
+    """Draws plan, grid and clicks into a picture of the camera.
 
     Args:
-        picture: a picture's file; None: one is taken from the camera's stream.
+        picture: as for ``camera_picture``.
 
     Raises:
         ConfigError: there is no picture, or it can't be written.
     """
-    lens = made.fit.lens
-    bgr = _picture_of_stream(made.entry, cameras_file) if picture is None else _picture_of_file(picture)
-    size = lens.pinhole.width_px, lens.pinhole.height_px
-    if bgr.shape[1::-1] != size:
-        raise ConfigError(
-            f"the picture has {bgr.shape[1]} x {bgr.shape[0]} pixels, but the camera's lens is given for {size[0]} x {size[1]}"
-        )
-    if made.entry.zones:
-        bgr = np.where(pixels_in(made.entry.zones, *size)[..., None], 0, bgr).astype(np.uint8)
     drawn = draw_overlay(
-        bgr,
-        lens,
+        camera_picture(made.entry, picture, cameras_file),
+        made.fit.lens,
         made.fit.T_world_camera,
         made.floor_z_m,
         made.clicks.plan,
@@ -130,6 +145,26 @@ def write_overlay(made: Calibrated, out: Path, picture: Path | None, cameras_fil
         raise ConfigError(f"--overlay {out}: expected a name that ends with .jpg or .png") from None
     if not written:
         raise ConfigError(f"--overlay {out}: it can't be written; does its folder exist?")
+
+
+def camera_picture(entry: CameraEntry, picture: Path | None, cameras_file: Path) -> NDArray[np.uint8]:
+    """A picture (height, width, 3), BGR, of a camera. Its zones are black, as everywhere.
+
+    Args:
+        picture: a picture's file; None: one is taken from the camera's stream.
+
+    Raises:
+        ConfigError: there is no picture, or it hasn't the size that the camera's lens is given for.
+    """
+    size = entry.lens.width_px, entry.lens.height_px
+    bgr = _picture_of_stream(entry, cameras_file) if picture is None else _picture_of_file(picture)
+    if bgr.shape[1::-1] != size:
+        raise ConfigError(
+            f"the picture has {bgr.shape[1]} x {bgr.shape[0]} pixels, but the camera's lens is given for {size[0]} x {size[1]}"
+        )
+    if entry.zones:
+        bgr = np.where(pixels_in(entry.zones, *size)[..., None], 0, bgr).astype(np.uint8)
+    return bgr
 
 
 def _picture_of_file(path: Path) -> NDArray[np.uint8]:
@@ -176,7 +211,7 @@ def as_json(made: Calibrated, written: bool) -> dict[str, Any]:
         "position_sigma_m": round(fit.position_sigma_m, 4),
         "angle_sigma_deg": round(math.degrees(fit.angle_sigma_rad), 3),
         "points": [
-            {"line": line, "residual_px": _rounded(px, 2), "residual_m": _rounded(m, 4), "used": bool(used)}
+            {"line": line, "residual_px": rounded(px, 2), "residual_m": rounded(m, 4), "used": bool(used)}
             for line, px, m, used in zip(
                 made.clicks.lines, np.linalg.norm(fit.residuals_px, axis=1), fit.residuals_m, fit.inliers, strict=True
             )
@@ -185,7 +220,8 @@ def as_json(made: Calibrated, written: bool) -> dict[str, Any]:
     }
 
 
-def _rounded(value: float, digits: int) -> float | None:
+def rounded(value: float, digits: int) -> float | None:
+    """A number for JSON; None if it isn't finite."""
     return round(float(value), digits) if math.isfinite(value) else None
 
 
@@ -210,12 +246,8 @@ def show(made: Calibrated, console: Console) -> None:
         lines.append(f"horizontal field of view {math.degrees(fit.hfov_rad):.1f} degrees; ± {sigma:.1f} degrees")
     for text in lines:
         console.print(text, markup=False, soft_wrap=True)
-    if fit.position_sigma_m > 2 * GOOD_M or fit.angle_sigma_rad > 2 * GOOD_RAD:
-        console.print(
-            "That is too uncertain for searches, which need 0.05 m and 1 degree: add points, far apart and at several heights.",
-            style="yellow",
-            soft_wrap=True,
-        )
+    if made.too_uncertain:
+        console.print(TOO_UNCERTAIN, style="yellow", soft_wrap=True)
     console.print(f"\n# {made.entry.name} in cameras.yaml", markup=False)
     for name, value in made.yaml_values().items():
         above, _, entry = name.rpartition(".")

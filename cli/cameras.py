@@ -121,34 +121,93 @@ def schema() -> None:
 @needs("services")
 def calibrate(
     camera: Annotated[str, typer.Argument(metavar="CAMERA", help="The camera's name in the file of cameras.")],
-    clicks: Annotated[
-        Path,
-        typer.Option(metavar="FILE", help="Points in its picture whose places are known (docs/use/calibration.md)."),
-    ],
-    file: Annotated[Path, typer.Option(metavar="FILE", help="The file of cameras.")] = Path("cameras.yaml"),
-    overlay: Annotated[
+    plan: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Draw plan and points into a picture of the camera: .jpg or .png."),
+        typer.Option(metavar="FILE", help="The floor plan (map.yaml): opens the page, where points are clicked."),
     ] = None,
+    clicks: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Points whose places are known. With --plan: the page reads and saves them there; default: "
+            "CAMERA.clicks.yaml beside the file of cameras.",
+        ),
+    ] = None,
+    file: Annotated[Path, typer.Option(metavar="FILE", help="The file of cameras.")] = Path("cameras.yaml"),
     picture: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="The picture for --overlay; default: one from the camera's stream."),
+        typer.Option(metavar="FILE", help="The camera's picture; default: one from its stream."),
     ] = None,
     fit_hfov: Annotated[
         bool, typer.Option("--fit-hfov", help="Fit the horizontal field of view, too: six points, some off the floor.")
     ] = False,
+    port: Annotated[
+        int | None, typer.Option(min=1, max=65535, metavar="N", help="The page's port; default: any that is free.")
+    ] = None,
+    browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Whether the page is opened.")] = True,
+    overlay: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Without the page: draw plan and points into a picture, .jpg or .png."),
+    ] = None,
     write: Annotated[
-        bool, typer.Option("--write", help="Write the pose into the file of cameras; comments stay.")
+        bool, typer.Option("--write", help="Without the page: write the pose into the file of cameras; comments stay.")
     ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Find a camera's position and direction from points that were clicked in its picture, and say how certain they are."""
-    from surveilnav.cameras_file.edit import write_camera  # loads NumPy and OpenCV
+    """Find a camera's position and direction from points clicked in its picture and on a floor plan, on a page or from a file."""
+    if plan is not None:
+        if overlay is not None or write or as_json:
+            raise typer.BadParameter("--overlay, --write and --json are for clicks from a file: leave out --plan")
+        _calibrate_on_page(camera, plan, clicks, file, picture, fit_hfov, port, browser)
+    elif clicks is None:
+        raise typer.BadParameter(
+            "add --plan map.yaml to click points on a page, or --clicks FILE with points from a file"
+        )
+    elif port is not None or not browser:
+        raise typer.BadParameter("--port and --no-browser are the page's: add --plan map.yaml")
+    elif picture is not None and overlay is None:
+        raise typer.BadParameter("--picture is what --overlay draws into: add --overlay out.jpg")
+    else:
+        _calibrate_from_file(camera, clicks, file, picture, fit_hfov, overlay, write, as_json)
+
+
+def _calibrate_on_page(
+    camera: str,
+    plan: Path,
+    clicks: Path | None,
+    file: Path,
+    picture: Path | None,
+    fit_hfov: bool,
+    port: int | None,
+    browser: bool,
+) -> None:
+    from surveilnav.cli.calibration_page.serve import serve  # loads NumPy, OpenCV and a web server
+    from surveilnav.cli.calibration_page.session import Session
+
+    session = Session(camera, file, plan, clicks or file.parent / f"{camera}.clicks.yaml", picture, fit_hfov)
+
+    def announce(url: str) -> None:
+        results.print(url, markup=False, soft_wrap=True)
+        console.print("The page is there until Ctrl-C.", markup=False)
+
+    serve(session, port or 0, browser, announce)
+
+
+def _calibrate_from_file(
+    camera: str,
+    clicks: Path,
+    file: Path,
+    picture: Path | None,
+    fit_hfov: bool,
+    overlay: Path | None,
+    write: bool,
+    as_json: bool,
+) -> None:
+    from surveilnav.camera_pose import load_clicks  # loads NumPy and OpenCV
+    from surveilnav.cameras_file.edit import write_camera
     from surveilnav.cli import calibrating
 
-    if picture is not None and overlay is None:
-        raise typer.BadParameter("--picture is what --overlay draws into: add --overlay out.jpg")
-    made = calibrating.calibrate_camera(camera, clicks, file, fit_hfov)
+    made = calibrating.calibrate(camera, load_clicks(clicks), clicks, file, fit_hfov)
     if not as_json:
         calibrating.show(made, results)
     if overlay is not None:

@@ -22,5 +22,9 @@ class Exit(IntEnum):
         "it didn't succeed; or a setting, a file or the system is wrong, and one line says what; or its output was closed",
     )
     MISTYPED = 2, "the command was mistyped: there is no such command or option"
-    INTERRUPTED = 130, "interrupted by Ctrl-C; `up`, `watch` and `replay` are meant to be ended so, and return 0"
+    INTERRUPTED = (
+        130,
+        "interrupted by Ctrl-C; `up`, `watch`, `replay` and the page of `cameras calibrate` are meant to be "
+        "ended so, and return 0",
+    )
     TERMINATED = 143, "ended by SIGTERM; `up` and `replay` are meant to be ended so, and return 0"

@@ -21,6 +21,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from pydantic import ValidationError
 
 
@@ -45,7 +47,14 @@ class ConfigError(SurveilNavError):
 
 
 class PoseError(SurveilNavError):
-    """A camera's pose can't be found from the given points; the text says which points to add or to correct."""
+    """A camera's pose can't be found from the given points; the text says which points to add or to correct.
+
+    ``points``: the numbers, from 1, of those that it says are wrong.
+    """
+
+    def __init__(self, message: str, points: Sequence[int] = ()) -> None:
+        super().__init__(message)
+        self.points = tuple(points)
 
 
 class MissingExtraError(SurveilNavError):

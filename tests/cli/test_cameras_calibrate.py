@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import socket
 import sys
 from pathlib import Path
 
@@ -54,9 +55,11 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def typed(monkeypatch: pytest.MonkeyPatch, *options: str) -> int:
-    monkeypatch.setattr(
-        sys, "argv", ["surveilnav", "cameras", "calibrate", "lobby", "--clicks", "clicks.yaml", *options]
-    )
+    return command(monkeypatch, "--clicks", "clicks.yaml", *options)
+
+
+def command(monkeypatch: pytest.MonkeyPatch, *options: str) -> int:
+    monkeypatch.setattr(sys, "argv", ["surveilnav", "cameras", "calibrate", "lobby", *options])
     with pytest.raises(SystemExit) as ended:
         main()
     return int(ended.value.code or 0)
@@ -196,3 +199,48 @@ def test_a_lens_from_a_calibration_keeps_its_focal_length(
 
 def test_a_picture_without_an_overlay_is_mistyped(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert typed(monkeypatch, "--picture", "frame.png") == 2
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ([], "add --plan map.yaml to click points on a page, or --clicks FILE"),
+        (["--plan", "map.yaml", "--write"], "leave out --plan"),
+        (["--plan", "map.yaml", "--json"], "leave out --plan"),
+        (["--plan", "map.yaml", "--overlay", "x.png"], "leave out --plan"),
+        (["--clicks", "clicks.yaml", "--port", "8765"], "--port and --no-browser are the page's"),
+        (["--clicks", "clicks.yaml", "--no-browser"], "--port and --no-browser are the page's"),
+    ],
+)
+def test_options_of_page_and_file_are_not_mixed(
+    place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], options: list[str], message: str
+) -> None:
+    monkeypatch.setenv("COLUMNS", "300")
+    assert command(monkeypatch, *options) == 2
+    told = capsys.readouterr()
+    assert message in told.err + told.out
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--plan", "none.yaml"], "the file of a floor plan can't be read"),
+        (["--plan", "map.yaml", "--picture", "map.png"], "the picture has 40 x 40 pixels, but"),
+        (["--plan", "map.yaml", "--file", "none.yaml"], "the file of cameras can't be read"),
+        (["--plan", "map.yaml", "--clicks", "map.yaml"], "camera: Field required"),
+    ],
+)
+def test_a_mistake_ends_the_command_before_there_is_a_page(
+    place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], options: list[str], message: str
+) -> None:
+    assert command(monkeypatch, *options) == 1
+    assert message in capsys.readouterr().err.replace("\n", " ")
+
+
+def test_a_port_that_is_taken_is_named(
+    place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        assert command(monkeypatch, "--plan", "map.yaml", "--port", str(port), "--no-browser") == 1
+    assert f"--port {port}: " in capsys.readouterr().err

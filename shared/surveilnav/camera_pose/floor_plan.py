@@ -34,6 +34,7 @@ class FloorPlan:
         origin_m, origin_yaw_rad: pose of the picture's lower left corner in the world; the yaw turns anticlockwise.
         floor: the id of the floor that it shows; empty: the file doesn't say.
         walls: (height, width) bool, the dark pixels; empty if nobody needs them.
+        picture: the picture's file, for showing it to people.
     """
 
     width_px: int
@@ -43,6 +44,7 @@ class FloorPlan:
     origin_yaw_rad: float = 0.0
     floor: str = ""
     walls: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((0, 0), bool), compare=False, repr=False)
+    picture: Path | None = field(default=None, compare=False)
 
     def world_of(self, pixels: NDArray[np.floating]) -> NDArray[np.float64]:
         """The places (..., 2) as (x, y) [m] in the world of pixels (..., 2) as (column, row).
@@ -91,7 +93,8 @@ def load_floor_plan(path: Path) -> FloorPlan:
         raise ConfigError(f"{path}, line {_line(root, error)}: {_sentence(error)}") from None
     except ValueError as error:
         raise ConfigError(f"{path}: {error}") from None
-    grey = _picture(path, path.parent / Path(entry.image).expanduser(), line_of(root, ("image",)))
+    picture = path.parent / Path(entry.image).expanduser()
+    grey = _picture(path, picture, line_of(root, ("image",)))
     darkness = grey / 255.0 if entry.negate else 1.0 - grey / 255.0
     yaw_rad = entry.origin[2] if len(entry.origin) == 3 else 0.0
     return FloorPlan(
@@ -102,6 +105,7 @@ def load_floor_plan(path: Path) -> FloorPlan:
         yaw_rad,
         entry.floor,
         np.asarray(darkness > entry.occupied_thresh),
+        picture,
     )
 
 

@@ -51,7 +51,7 @@ def draw_overlay(
         draw_lines(drawn, lens, T_world_camera, wall_lines(plan, floor_z_m), _WALL_BGR, thickness + 1)
     if points_px is not None and p_world is not None:
         fits = np.ones(len(points_px), bool) if inliers is None else inliers
-        _draw_points(drawn, points_px, _pixels(lens, T_world_camera, p_world), fits, thickness)
+        _draw_points(drawn, points_px, projected(lens, T_world_camera, p_world), fits, thickness)
     return drawn
 
 
@@ -92,24 +92,32 @@ def draw_lines(
     thickness: int,
 ) -> None:
     """Draws lines (n, 3) of the world into a picture, as far as the camera sees them. Their points should be close together."""
-    for line in lines:
-        pixels = _pixels(lens, T_world_camera, line)
-        visible = _in_reach(pixels, picture.shape[1], picture.shape[0])
-        visible &= np.linalg.norm(line[:, :2] - T_world_camera[:2, 3], axis=1) <= _REACH_M
-        for start, end in _runs(visible):
-            cv2.polylines(
-                picture,
-                [np.round(16 * pixels[start:end]).astype(np.int32)],
-                False,
-                bgr,
-                thickness,
-                cv2.LINE_AA,
-                shift=4,
-            )
+    for pixels in visible_lines(lens, T_world_camera, lines):
+        cv2.polylines(picture, [np.round(16 * pixels).astype(np.int32)], False, bgr, thickness, cv2.LINE_AA, shift=4)
 
 
-def _pixels(lens: Lens, T_world_camera: Matrix4, p_world: NDArray[np.floating]) -> _Points:
-    """(n, 2); NaN behind the lens, or too near to it."""
+def visible_lines(lens: Lens, T_world_camera: Matrix4, lines: list[_Points]) -> list[_Points]:
+    """Lines (n, 3) of the world as lines (m, 2) of pixels (u, v), as far as the camera sees them.
+
+    They may reach up to one picture's size beyond its edges, so that they don't end before them.
+    """
+    if not lines:
+        return []
+    p_world = np.concatenate(lines)  # at once: a plan with furniture and lettering has thousands of lines
+    pixels = projected(lens, T_world_camera, p_world)
+    visible = _in_reach(pixels, lens.pinhole.width_px, lens.pinhole.height_px)
+    visible &= np.linalg.norm(p_world[:, :2] - T_world_camera[:2, 3], axis=1) <= _REACH_M
+    ends = np.cumsum([len(line) for line in lines])
+    return [
+        pixels[first + start : first + end]
+        for first, last in zip([0, *ends[:-1]], ends, strict=True)
+        if visible[first:last].any()
+        for start, end in _runs(visible[first:last])
+    ]
+
+
+def projected(lens: Lens, T_world_camera: Matrix4, p_world: NDArray[np.floating]) -> _Points:
+    """The pixels (n, 2) of places (n, 3); NaN behind the lens, or too near to it."""
     p_camera = (p_world - T_world_camera[:3, 3]) @ T_world_camera[:3, :3]
     pixels = lens.pixels(p_camera)
     pixels[np.linalg.norm(p_camera, axis=-1) < _NEAR_M] = np.nan
@@ -117,7 +125,7 @@ def _pixels(lens: Lens, T_world_camera: Matrix4, p_world: NDArray[np.floating]) 
 
 
 def _in_reach(pixels: _Points, width: int, height: int) -> NDArray[np.bool_]:
-    """Those in the picture or up to one picture beside it, so that lines reach the edge, where OpenCV cuts them off."""
+    """Those in the picture or up to one picture beside it."""
     with np.errstate(invalid="ignore"):
         u, v = pixels[:, 0], pixels[:, 1]
         return np.asarray((u > -width) & (u < 2 * width) & (v > -height) & (v < 2 * height))

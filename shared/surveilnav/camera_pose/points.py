@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -14,9 +15,14 @@ from pydantic import AllowInfNan, BaseModel, ConfigDict, Field, ValidationError,
 from surveilnav.camera_pose.floor_plan import FloorPlan, load_floor_plan
 from surveilnav.contract import ID_PATTERN
 from surveilnav.errors import ConfigError
+from surveilnav.storage import atomic_write
 from surveilnav.yaml_file import compose, line_of, plain
 
 _Finite = Annotated[float, AllowInfNan(False)]
+
+
+#: Of a file.
+MAX_POINTS = 500
 
 
 class _Entry(BaseModel):
@@ -43,7 +49,7 @@ class ClicksFile(_Entry):
 
     camera: str = Field(pattern=ID_PATTERN, description="the camera's name in cameras.yaml")
     plan: str = Field("", description="path of the plan's file (map.yaml), relative to this file")
-    points: list[ClickedPoint] = Field(min_length=1, max_length=500)
+    points: list[ClickedPoint] = Field(min_length=1, max_length=MAX_POINTS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,6 +92,29 @@ def load_clicks(path: Path) -> Clicks:
     for number, (point, line) in enumerate(zip(entry.points, lines, strict=True), start=1):
         places.append((*_place(point, plan, f"{path}, line {line}: point {number}"), point.z_m))
     return Clicks(entry.camera, np.array([p.px for p in entry.points]), np.array(places), lines, plan)
+
+
+def save_clicks(path: Path, clicks: ClicksFile) -> None:
+    """Writes a file of clicks, which replaces the one that is there.
+
+    Raises:
+        ConfigError: it can't be written; then the old one is as it was.
+    """
+    lines = [f"camera: {clicks.camera}"]
+    if clicks.plan:
+        lines.append(f"plan: {json.dumps(clicks.plan, ensure_ascii=False)}  # relative to this file")
+    lines.append("points:")
+    for point in clicks.points:
+        u, v = point.px
+        name, digits, place = ("plan_px", 2, point.plan_px) if point.xy_m is None else ("xy_m", 4, point.xy_m)
+        x, y = place or (0.0, 0.0)
+        height = f", z_m: {point.z_m:g}" if point.z_m else ""
+        lines.append(f"  - {{px: [{u:.2f}, {v:.2f}], {name}: [{x:.{digits}f}, {y:.{digits}f}]{height}}}")
+    try:
+        with atomic_write(path) as out:
+            out.write(("\n".join(lines) + "\n").encode())
+    except OSError as error:
+        raise ConfigError(f"{path} can't be written: {error.strerror}") from error
 
 
 def _place(point: ClickedPoint, plan: FloorPlan | None, where: str) -> tuple[float, float]:

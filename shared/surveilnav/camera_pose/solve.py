@@ -145,10 +145,13 @@ def _require_spread(lens: Lens, pixels: NDArray, places: NDArray, fit_hfov: bool
         if (pixel < -0.5).any() or (pixel > size - 0.5).any():
             raise PoseError(
                 f"point {number} at ({pixel[0]:g}, {pixel[1]:g}) lies outside the picture of {size[0]} x {size[1]} pixels; "
-                "click in a picture of the size that the camera's lens has in the file of cameras"
+                "click in a picture of the size that the camera's lens has in the file of cameras",
+                [number],
             )
     for i in np.nonzero(np.isnan(lens.rays(pixels)).any(axis=1))[0]:
-        raise PoseError(f"point {i + 1} lies where the lens sees nothing; check the lens, or leave the point out")
+        raise PoseError(
+            f"point {i + 1} lies where the lens sees nothing; check the lens, or leave the point out", [int(i) + 1]
+        )
     extents = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)
     if extents[1] < _MIN_WIDTH_SHARE * max(extents[0], 1e-9):
         raise PoseError(
@@ -209,25 +212,26 @@ def _chosen(candidates: list[_Candidate], seen: Observations, floor_z_m: float) 
             "it should point up, left and right are swapped in the clicks, or heights are of another floor"
         )
     if not best.sound:
-        raise PoseError(_contradiction(next((c for c in candidates if c.above_floor), best), seen))
+        raise _contradiction(next((c for c in candidates if c.above_floor), best), seen)
     return best
 
 
-def _contradiction(best: _Candidate, seen: Observations) -> str:
+def _contradiction(best: _Candidate, seen: Observations) -> PoseError:
     T, lens = best.fit.T_world_camera, best.fit.lens
     off_px = np.linalg.norm(linearise(lens, T, seen).residuals_px, axis=1)
     off_px = np.where(np.isnan(off_px), np.inf, off_px)
     off_m = _ray_distances(lens, T, seen)
-    worst = [i for i in np.argsort(-off_px) if not best.agree[i]] or list(np.argsort(-off_px))
+    worst = ([i for i in np.argsort(-off_px) if not best.agree[i]] or list(np.argsort(-off_px)))[:3]
     named = [
         f"point {i + 1} is {off_px[i]:.0f} px ({100 * off_m[i]:.0f} cm) off"
         if np.isfinite(off_px[i])
         else f"point {i + 1} would be out of sight"
-        for i in worst[:3]
+        for i in worst
     ]
-    return (
+    return PoseError(
         f"the points contradict each other: by the best pose, {', '.join(named)}. Check where these were clicked and where "
-        "they are in the building, check the lens, or add points so that wrong ones can be told from right ones"
+        "they are in the building, check the lens, or add points so that wrong ones can be told from right ones",
+        [int(i) + 1 for i in worst],
     )
 
 

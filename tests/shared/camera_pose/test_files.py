@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from surveilnav.camera_pose import FloorPlan, load_clicks, load_floor_plan
+from surveilnav.camera_pose.points import ClickedPoint, ClicksFile, save_clicks
 from surveilnav.errors import ConfigError
 
 MAP = (
@@ -116,3 +117,28 @@ def test_all_mistakes_of_clicks_are_named(tmp_path: Path) -> None:
     text = CLICKS.replace("px: [300.5, 400]", "px: [300.5]").replace("plan_px: [0, 99]", "plan_px: 7")
     with pytest.raises(ConfigError, match=r"line 4: point 1: plan_px(?s:.)*line 5: point 2: px.1"):
         load_clicks(folder(tmp_path, clicks=text) / "clicks.yaml")
+
+
+@pytest.mark.parametrize("name", ["map.yaml", "plan: 1 # Größe.yaml", '"x" \\ y.yaml'])
+def test_saved_clicks_are_read_again(tmp_path: Path, name: str) -> None:
+    folder(tmp_path)
+    (tmp_path / "map.yaml").rename(tmp_path / name)
+    points = [
+        ClickedPoint(px=(10.256, 20), plan_px=(3.5, 4.25)),
+        ClickedPoint(px=(1, 2), plan_px=(-0.5, 99.5), z_m=2.05),
+        ClickedPoint(px=(5, 6), xy_m=(-100.1234, 3e-5), z_m=-0.5),
+    ]
+    save_clicks(tmp_path / "new.yaml", ClicksFile(camera="lobby", plan=name, points=points))
+    clicks = load_clicks(tmp_path / "new.yaml")
+    assert clicks.pixels == pytest.approx(np.array([[10.26, 20], [1, 2], [5, 6]]))
+    assert clicks.plan is not None
+    on_plan = clicks.plan.world_of(np.array([[3.5, 4.25], [-0.5, 99.5]]))
+    assert clicks.p_floor[:, :2] == pytest.approx(np.array([*on_plan, [-100.1234, 0.0]]))
+    assert clicks.p_floor[:, 2].tolist() == [0, 2.05, -0.5]
+
+
+def test_clicks_that_cannot_be_written(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    clicks = ClicksFile(camera="lobby", points=[ClickedPoint(px=(1, 2), xy_m=(3, 4))])
+    with pytest.raises(ConfigError, match=r"clicks\.yaml can't be written"):
+        save_clicks(tmp_path / "file" / "clicks.yaml", clicks)

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from surveilnav.camera_pose import FloorPlan
-from surveilnav.camera_pose.overlay import draw_overlay
+from surveilnav.camera_pose.footprint import seen_floor
+from surveilnav.camera_pose.overlay import draw_overlay, projected, visible_lines
 from surveilnav.geometry import Pinhole, camera_pose
 from surveilnav.geometry.lens import BrownConrady, KannalaBrandt, Lens
 from tests.clicked_points import LENS, T_WORLD_CAMERA
@@ -71,3 +72,28 @@ def test_a_fisheye_on_the_ceiling_sees_the_grid_all_around() -> None:
 def test_a_picture_of_another_size_is_refused() -> None:
     with pytest.raises(ValueError, match="expected 1280 x 960 pixels, got 640 x 480"):
         draw_overlay(np.zeros((480, 640, 3), np.uint8), LENS, T_WORLD_CAMERA, 0.0)
+
+
+@pytest.mark.parametrize("lens", [LENS, BARREL], ids=["pinhole", "barrel"])
+def test_visible_lines_are_the_projected_points_in_front(lens: Lens) -> None:
+    line = np.column_stack([np.arange(-5.0, 8.0, 0.1), np.full(130, 0.5), np.zeros(130)])
+    (seen,) = visible_lines(lens, T_WORLD_CAMERA, [line])
+    assert seen[-1] == pytest.approx(projected(lens, T_WORLD_CAMERA, line[-1:])[0])
+    assert seen[-1, 1] < seen[0, 1] < 2 * 960  # from below the picture towards the horizon
+    assert 20 < len(seen) < 80  # nothing of what lies behind
+
+
+def test_the_floor_in_view_is_bounded_by_the_pictures_edge() -> None:
+    outline = seen_floor(LENS, T_WORLD_CAMERA, 0.0, 10.0)
+    nearest, farthest = (np.sort(np.linalg.norm(outline, axis=1))[i] for i in (0, -1))
+    assert nearest == pytest.approx(2.5 / math.tan(math.radians(25) + math.atan(480 / 900)), rel=1e-3)
+    assert farthest == pytest.approx(10.0)  # the top of the picture shows the horizon
+    corner = pixel_of(LENS, (*outline[48], 0.0))  # the third side begins at the lower right
+    assert corner == pytest.approx((1279.5, 959.5), abs=1)
+    assert outline[48, 1] < 0  # to the right
+
+
+def test_a_fisheyes_picture_that_leaves_the_corners_dark_still_has_a_floor() -> None:
+    lens = KannalaBrandt(Pinhole(1280, 960, 300.0, 300.0, 639.5, 479.5))
+    outline = seen_floor(lens, camera_pose((1.0, 2.0, 2.5), 0.0, -math.pi / 2), 0.0, 6.0)
+    assert np.linalg.norm(outline - (1.0, 2.0), axis=1) == pytest.approx(np.full(len(outline), 6.0))

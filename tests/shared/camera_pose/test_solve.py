@@ -3,11 +3,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
+import cv2
 import numpy as np
 import pytest
 
 from surveilnav.camera_pose import solve, solve_pose
-from surveilnav.camera_pose.angles import yaw_pitch_roll
+from surveilnav.camera_pose.angles import angle_sigmas, yaw_pitch_roll
 from surveilnav.errors import PoseError
 from surveilnav.geometry import Matrix4, Pinhole, camera_pose
 from surveilnav.geometry.lens import BrownConrady, KannalaBrandt, Lens
@@ -197,6 +198,17 @@ def test_a_fault_says_what_to_do(fault: str) -> None:
         solve_pose(LENS, *make(), fit_hfov=fit_hfov)
 
 
+@pytest.mark.parametrize(
+    ("fault", "numbers"), [("outside the picture", {3}), ("contradicting", {2, 5}), ("on a line", set())]
+)
+def test_a_fault_has_the_numbers_of_its_points(fault: str, numbers: set[int]) -> None:
+    make, fit_hfov, _ = FAULTS[fault]
+    with pytest.raises(PoseError) as raised:
+        solve_pose(LENS, *make(), fit_hfov=fit_hfov)
+    assert numbers <= set(raised.value.points)
+    assert all(f"point {number} " in str(raised.value) for number in raised.value.points)
+
+
 def test_where_the_lens_sees_nothing_no_point_can_be() -> None:
     pixels, p_world = _good()
     pixels[0] = (2, 2)
@@ -215,3 +227,16 @@ def test_angles_are_those_of_the_camera(pitch_deg: float, roll_deg: float) -> No
 
 def test_a_camera_that_looks_straight_down_has_the_yaw_of_its_top() -> None:
     assert np.degrees(yaw_pitch_roll(DOWN)) == pytest.approx([math.degrees(0.7), -90, 0])
+
+
+def test_errors_of_the_angles_are_those_of_turned_cameras() -> None:
+    T = camera_pose((1, 2, 3), math.pi, math.radians(-50))  # its yaw jumps from pi to -pi
+    rng = np.random.default_rng(0)
+    half = np.array([[0.006, 0.0, 0.0], [0.002, 0.004, 0.0], [0.0, -0.003, 0.005]])
+    spread = []
+    for rotation in rng.normal(size=(4000, 3)) @ half.T:
+        turned = T.copy()
+        turned[:3, :3] = cv2.Rodrigues(rotation)[0] @ T[:3, :3]
+        spread.append(np.subtract(yaw_pitch_roll(turned), yaw_pitch_roll(T)))
+    spread = (np.array(spread) + math.pi) % (2 * math.pi) - math.pi
+    assert angle_sigmas(T, half @ half.T) == pytest.approx(np.std(spread, axis=0), rel=0.06)
