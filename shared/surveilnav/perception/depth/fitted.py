@@ -15,8 +15,7 @@ from surveilnav.perception.depth.estimate import FLOOR_CHANCE, MAX_SIGMA_LOG, De
 from surveilnav.perception.depth.floor_scale import FloorSamples, FloorScale, fit_floor_scale
 from surveilnav.perception.depth.reference import FARTHEST_M, Reference, reference_depth
 
-#: Uncertainty of the logarithm of depth where no floor says otherwise. An assumption, not a measurement: networks of this kind
-#: are published with mean relative errors of 0.06 to 0.1 on indoor photographs whose scale they know.
+#: Uncertainty of the logarithm of depth beside the floor. An assumption, not a measurement: no weights were at hand.
 OFF_FLOOR_SIGMA = 0.1
 #: The fit is made of the newest pictures, and made anew with each.
 _PICTURES = 32
