@@ -14,7 +14,7 @@ from surveilnav.cli.options import AsJson, console, items, print_json, results
 if TYPE_CHECKING:
     from surveilnav.perception import models
 
-app = typer.Typer(no_args_is_help=True, help="Detectors, segmenters, embedders: list, pull, check.")
+app = typer.Typer(no_args_is_help=True, help="Detectors, segmenters, embedders, depth: list, pull, check.")
 
 Names = Annotated[list[str], typer.Argument(help="Names of models, from `surveilnav models list`.")]
 

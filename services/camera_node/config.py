@@ -19,9 +19,15 @@ class CameraSettings(BaseSettings):
         "", description="the file of real cameras (cameras.yaml); empty: a camera of the simulated building"
     )
     id: str = Field("", description="name of a camera of the file or the plan; empty: lease any free one")
-    depth: Literal["network", "none"] = Field(
+    depth: Literal["network", "depth-anything", "none"] = Field(
         "network",
-        description="depth of a real camera's pictures: `network` estimates it from the camera's pose; `none`: they have none",
+        description="depth of a real camera's pictures: `network`: by our own network, which uses the camera's pose; "
+        "`depth-anything`: by the network that DEPTH_MODEL names, fitted to the floor; `none`: they have none",
+    )
+    depth_model: str = Field(
+        "depth-anything-v2-metric-indoor-small",
+        description="depth-anything: a model of the catalogue, a folder of transformers with a metric Depth Anything, or a file "
+        "`.onnx`",
     )
     max_age_s: float = Field(5.0, gt=0, description="a real camera's picture that is older doesn't count")
     jpeg_quality: int = Field(85, ge=10, le=100, description="JPEG quality of the frames it sends")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import structlog
@@ -13,8 +14,11 @@ from surveilnav.bus.main import exit_on_sigterm
 from surveilnav.cameras_file import CameraEntry, CamerasFile, load_cameras
 from surveilnav.cameras_file.urls import shown
 from surveilnav.errors import ConfigError
-from surveilnav.perception.depth.network import DepthNetwork
+from surveilnav.perception.depth import DepthEstimator, DepthNetwork
+from surveilnav.perception.depth.fitted import FittedDepth
 from surveilnav.perception.depth.reference import LOWEST_M
+from surveilnav.perception.parts import load_depth_model
+from surveilnav.perception.runtime import Runtime
 from surveilnav.services.camera_node.config import CameraSettings
 from surveilnav.services.camera_node.service import CameraService
 from surveilnav.services.camera_node.sources.readers.choose import choose_reader
@@ -66,7 +70,7 @@ def _run(watched: _WatchedFile, name: str, node: Node, settings: CameraSettings)
             make_reader,
             settings.max_age_s,
             lambda text: node.log.warning(text),
-            _depth_network(settings, entry, file.floors[entry.floor].z_m),
+            _depth_estimator(settings, entry, file.floors[entry.floor].z_m, lambda text: node.log.info(text)),
         )
     except (ValueError, ConfigError) as error:
         raise ConfigError(f"{file.path}: camera {entry.name}: {error}") from None
@@ -88,11 +92,22 @@ def _run(watched: _WatchedFile, name: str, node: Node, settings: CameraSettings)
     return watcher.has_changed
 
 
-def _depth_network(settings: CameraSettings, entry: CameraEntry, floor_z_m: float) -> DepthNetwork | None:
-    """The network that estimates the camera's depth; None if it isn't wanted, or if the camera hangs too low for it."""
+def _depth_estimator(
+    settings: CameraSettings, entry: CameraEntry, floor_z_m: float, report: Callable[[str], None]
+) -> DepthEstimator | None:
+    """What estimates the camera's depth; None if it isn't wanted, or if the camera hangs too low for it.
+
+    ``report`` gets a line when depth is fitted to the floor.
+
+    Raises:
+        PerceptionError: the chosen network isn't on this machine or can't be loaded.
+    """
     if settings.depth == "none" or entry.position_m[2] - floor_z_m < LOWEST_M:
         return None
-    return DepthNetwork()
+    if settings.depth == "network":
+        return DepthNetwork()
+    model = load_depth_model(settings.depth_model, Runtime(threads=settings.threads), download=settings.download)
+    return FittedDepth(model, report)
 
 
 class _EntryWatcher:

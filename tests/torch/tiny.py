@@ -11,6 +11,7 @@ import torch
 import transformers
 from transformers.models.clip.image_processing_pil_clip import CLIPImageProcessorPil
 from transformers.models.detr.image_processing_pil_detr import DetrImageProcessorPil
+from transformers.models.dpt.image_processing_pil_dpt import DPTImageProcessorPil
 from transformers.models.grounding_dino.image_processing_pil_grounding_dino import GroundingDinoImageProcessorPil
 from transformers.models.owlv2.image_processing_pil_owlv2 import Owlv2ImageProcessorPil
 from transformers.models.siglip.image_processing_pil_siglip import SiglipImageProcessorPil
@@ -287,3 +288,65 @@ def mobile_sam_onnx(folder: Path) -> Path:
             dynamo=False,
         )
     return folder
+
+
+def depth_anything(folder: Path, *, kind: str = "metric") -> Path:
+    """A Depth Anything whose pictures have a shorter side of 56 pixels; ``kind``: "metric" or "relative"."""
+    torch.manual_seed(0)
+    backbone = transformers.Dinov2Config(
+        image_size=56,
+        patch_size=14,
+        hidden_size=32,
+        num_hidden_layers=4,
+        num_attention_heads=2,
+        out_indices=[1, 2, 3, 4],
+        reshape_hidden_states=False,
+    )
+    config = transformers.DepthAnythingConfig(
+        backbone_config=backbone,
+        reassemble_hidden_size=32,
+        neck_hidden_sizes=[8, 16, 32, 32],
+        fusion_hidden_size=16,
+        head_hidden_size=8,
+        depth_estimation_type=kind,
+        max_depth=20 if kind == "metric" else 1,
+    )
+    images = DPTImageProcessorPil(
+        size={"height": 56, "width": 56},
+        keep_aspect_ratio=True,
+        ensure_multiple_of=14,
+        resample=3,
+        image_mean=[0.485, 0.456, 0.406],
+        image_std=[0.229, 0.224, 0.225],
+    )
+    model = transformers.DepthAnythingForDepthEstimation(config)
+    for name, weight in model.named_parameters():
+        if weight.ndim == 4 and name.startswith(("neck", "head")):
+            torch.nn.init.kaiming_normal_(weight)  # the library's own are so small that all depths are the same
+    model.head.conv3.weight.data *= 0.03  # and its sigmoid isn't saturated
+    return saved(model, folder, images)
+
+
+class _DepthOnly(torch.nn.Module):
+    def __init__(self, model: Any) -> None:
+        super().__init__()
+        self.model = model
+
+    def forward(self, pixel_values: torch.Tensor) -> torch.Tensor:
+        return self.model(pixel_values=pixel_values).predicted_depth
+
+
+def depth_anything_onnx(folder: Path, *, height: int = 56, width: int = 70) -> Path:
+    """``depth_anything`` as an ONNX file for pictures of one size."""
+    model = transformers.DepthAnythingForDepthEstimation.from_pretrained(depth_anything(folder)).eval()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of tracing
+        torch.onnx.export(
+            _DepthOnly(model),
+            (torch.randn(1, 3, height, width),),
+            folder / "depth.onnx",
+            input_names=["pixel_values"],
+            output_names=["predicted_depth"],
+            dynamo=False,
+        )
+    return folder / "depth.onnx"

@@ -123,13 +123,15 @@ def _samples_of_view(network: DepthNetwork, view: DepthView, shown: ViewGeometry
     )
 
 
-def measured(all_views: Samples, not_fitted: Samples, n_views: int) -> Measured:
+def measured(
+    all_views: Samples, not_fitted: Samples, n_views: int, bands_m: Sequence[tuple[float, float]] = BANDS_M
+) -> Measured:
     """The figures of a card. ``not_fitted``: samples of the buildings that the uncertainty wasn't fitted on."""
     kept = not_fitted.known & ~not_fitted.taken_for_floor
     sigmas = not_fitted.error[kept] / not_fitted.sigma_log[kept]
     return Measured(
         n_views,
-        [_band(all_views, *band) for band in BANDS_M],
+        [_band(all_views, *band) for band in bands_m],
         _floor(all_views),
         _rounded(np.mean(sigmas <= 1.0)),
         _rounded(np.mean(sigmas <= 2.0)),

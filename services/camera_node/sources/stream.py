@@ -16,7 +16,7 @@ from surveilnav.cameras_file.views import views_of
 from surveilnav.geometry import Pose
 from surveilnav.geometry.polygon import pixels_in
 from surveilnav.messages import StreamStatus
-from surveilnav.perception.depth.network import DepthNetwork
+from surveilnav.perception.depth import DepthEstimator
 from surveilnav.services.camera_node.core.change import ChangeDetector
 from surveilnav.services.camera_node.core.shift import ShiftDetector
 from surveilnav.services.camera_node.core.stream_health import FrameStatistics, StreamHealth
@@ -38,7 +38,7 @@ class StreamSource:
         floor_z_m: altitude of its floor in the building's frame.
         make_reader: makes a new reader of its stream.
         max_age_s: older pictures don't count.
-        depth_network: estimates the views' depth; None: they have none.
+        depth_estimator: estimates the views' depth; None: they have none.
         log: gets one line when the stream is lost and one when it is back.
 
     Raises:
@@ -54,10 +54,10 @@ class StreamSource:
         make_reader: Callable[[], FrameReader],
         max_age_s: float = 5.0,
         log: Callable[[str], None] = lambda _: None,
-        depth_network: DepthNetwork | None = None,
+        depth_estimator: DepthEstimator | None = None,
     ) -> None:
-        self.tier: Tier = "jpeg" if depth_network is None else "jpeg+depth"
-        self._depth_network, self._floor_z_m = depth_network, floor_z_m
+        self.tier: Tier = "jpeg" if depth_estimator is None else "jpeg+depth"
+        self._depth_estimator, self._floor_z_m = depth_estimator, floor_z_m
         made = views_of(entry)
         self.place = Place(entry.name, entry.floor, entry.position_m, entry.position_m[2] - floor_z_m, entry.label)
         self.views: Sequence[Pose] = made.poses
@@ -131,11 +131,11 @@ class StreamSource:
     def _picture(self, view: int, frame: CapturedFrame, version: int) -> Picture:
         undistortion = self._undistortions[view]
         rgb = undistortion.picture(frame.rgb)
-        if self._depth_network is None:
+        if self._depth_estimator is None:
             depth_m = np.zeros(rgb.shape[:2], np.float32)
             return Picture(version, rgb, depth_m, None, frame.captured_ns, frame.clock, depth_source="none")
         T_world_view = self.views[view].matrix()
-        estimate = self._depth_network.estimate(rgb, self.intrinsics, T_world_view, self._floor_z_m)
+        estimate = self._depth_estimator.estimate(rgb, self.intrinsics, T_world_view, self._floor_z_m)
         depth_m, uncertainty = estimate.for_maps()
         depth_m[undistortion.mask(self._zones)] = 0.0
         return Picture(version, rgb, depth_m, None, frame.captured_ns, frame.clock, "network", uncertainty)

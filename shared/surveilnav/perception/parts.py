@@ -1,4 +1,4 @@
-"""Loads detectors, segmenters and embedders by the names of their models.
+"""Loads detectors, segmenters, embedders and networks for depth by the names of their models.
 
 Each family of models has a module, which is imported only when one of its models is loaded: most need PyTorch.
 """
@@ -13,6 +13,7 @@ from typing import Any
 
 from surveilnav.errors import PerceptionError
 from surveilnav.perception import models
+from surveilnav.perception.depth.estimate import MetricDepthModel
 from surveilnav.perception.protocols import Detector, Embedder, Segmenter
 from surveilnav.perception.runtime import Runtime
 from surveilnav.perception.segmenters.depth_in_box import DepthInBox
@@ -60,6 +61,12 @@ def _clip() -> Any:
     return Clip
 
 
+def _depth_anything() -> Any:
+    from surveilnav.perception.depth.depth_anything import DepthAnything
+
+    return DepthAnything
+
+
 #: By family, the function that imports its class.
 _Table = Mapping[str, Callable[[], Any]]
 _DETECTORS: _Table = {
@@ -71,6 +78,7 @@ _DETECTORS: _Table = {
 }
 _SEGMENTERS: _Table = {"mobile-sam": _mobile_sam, "sam2": _sam2}
 _EMBEDDERS: _Table = {"clip": _clip, "siglip": _clip}
+_DEPTH: _Table = {"depth_anything": _depth_anything}
 
 #: Families whose model type in config.json is another word.
 _FAMILY_OF_TYPE = MappingProxyType({"sam2_video": "sam2", "siglip2": "siglip"})
@@ -120,6 +128,35 @@ def load_embedder(name: str, runtime: Runtime, *, download: bool = True) -> Embe
     model = _find_model(name, download)
     loaded: Embedder = _import_class(model, name, _EMBEDDERS, "an embedder")(model.path, model.id, runtime)
     return loaded
+
+
+def load_depth_model(name: str, runtime: Runtime, *, download: bool = True) -> MetricDepthModel:
+    """Loads a network that estimates metric depth.
+
+    Args:
+        name: name of a model, a folder, or the path of a file ``.onnx``, which needs no PyTorch.
+
+    Raises:
+        PerceptionError: like ``load_detector``; the text also says where weights belong, and under which licence they are.
+    """
+    try:
+        if name.endswith(".onnx"):
+            from surveilnav.perception.depth.onnx_model import OnnxDepth
+
+            path = models.find(name if "/" in name else f"./{name}")
+            return OnnxDepth(path, models.model_id(name, path), runtime)
+        model = _find_model(name, download)
+        loaded: MetricDepthModel = _import_class(model, name, _DEPTH, "a depth network")(model.path, model.id, runtime)
+    except PerceptionError as error:
+        raise PerceptionError(f"{error}. {_DEPTH_WEIGHTS}") from error
+    return loaded
+
+
+_DEPTH_WEIGHTS = (
+    "Weights for depth: `surveilnav models pull depth-anything-v2-metric-indoor-small` (Apache-2.0), or a folder in "
+    "SURVEILNAV_MODELS_DIR. Depth Anything's base and large weights are CC-BY-NC-4.0: not for commercial use. "
+    "SURVEILNAV_CAMERA__DEPTH=network needs neither weights nor PyTorch"
+)
 
 
 def runs_on_gpu(runtime: Runtime) -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -11,7 +10,7 @@ from numpy.typing import NDArray
 
 from surveilnav.errors import PerceptionError
 from surveilnav.geometry import Matrix4, Pinhole
-from surveilnav.messages import DepthUncertainty
+from surveilnav.perception.depth.estimate import FLOOR_CHANCE, MAX_SIGMA_LOG, DepthEstimate
 from surveilnav.perception.depth.reference import FARTHEST_M, reference_channels, reference_depth
 from surveilnav.perception.detectors.onnx_file import open_session
 from surveilnav.perception.runtime import Runtime
@@ -23,36 +22,6 @@ FORMAT_KEY, FORMAT = "surveilnav_depth", "1"
 INPUTS, OUTPUTS = ("picture", "geometry"), ("log_ratio", "sigma_log", "floor")
 #: Length of the input's longer side, and what both sides are multiples of. Inputs of the geometry and outputs have half of it.
 _SIDE_PX, _MULTIPLE_PX, _OUTPUT_STRIDE = 256, 32, 2
-#: A pixel with a higher chance of showing the floor gets the floor's depth.
-_FLOOR_CHANCE = 0.5
-#: Beyond this uncertainty, and beyond ``FARTHEST_M``, depth is unknown.
-MAX_SIGMA_LOG = 0.6
-#: Depth that is more uncertain than this isn't put into maps.
-MAX_MAPPED_SIGMA_LOG = 0.3
-#: The scale comes from the pose; it is as wrong as a height of 2 m that was measured to 5 cm.
-SCALE_SIGMA = 0.03
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class DepthEstimate:
-    """The depth of one picture.
-
-    Attributes:
-        depth_m: (H, W) float32 [m] along the optical axis, 0 where it is unknown.
-        sigma_log: (H, W) float32, uncertainty of the logarithm of depth: 68 in 100 errors are smaller (0.1: 10 %).
-        floor: (H, W) float32, the chance that a pixel shows the floor. Where it is above 0.5, depth is the floor's.
-    """
-
-    depth_m: NDArray[np.float32]
-    sigma_log: NDArray[np.float32]
-    floor: NDArray[np.float32]
-
-    def for_maps(self) -> tuple[NDArray[np.float32], DepthUncertainty]:
-        """(depth (H, W) [m], 0 where it is too uncertain to be mapped; how uncertain the rest is beside the floor)."""
-        used = (self.depth_m > 0) & (self.sigma_log <= MAX_MAPPED_SIGMA_LOG)
-        things = self.sigma_log[used & (self.floor <= _FLOOR_CHANCE)]
-        sigma = float(np.median(things)) if things.size else MAX_MAPPED_SIGMA_LOG
-        return np.where(used, self.depth_m, np.float32(0.0)), DepthUncertainty(sigma, SCALE_SIGMA)
 
 
 class DepthNetwork:
@@ -83,17 +52,7 @@ class DepthNetwork:
     def estimate(
         self, rgb: NDArray[np.uint8], camera: Pinhole, T_world_camera: Matrix4, floor_z_m: float
     ) -> DepthEstimate:
-        """The depth of a picture.
-
-        Args:
-            rgb: (H, W, 3) uint8, without distortion of the lens.
-            camera: intrinsics of the picture.
-            T_world_camera: (4, 4) pose of the camera [m]; the world's z points up.
-            floor_z_m: height in the world of the floor that the camera looks at [m].
-
-        Raises:
-            PerceptionError: the picture isn't of the camera's size, or the camera isn't above the floor.
-        """
+        """See ``DepthEstimator.estimate``."""
         height, width = camera.height_px, camera.width_px
         if rgb.shape != (height, width, 3) or rgb.dtype != np.uint8:
             raise PerceptionError(
@@ -111,7 +70,7 @@ class DepthNetwork:
         )
         # The reference is computed at full resolution, so that the floor stays a plane.
         depth_m = reference_depth(camera, T_world_camera, floor_z_m).depth_m
-        depth_m = depth_m * np.where(floor > _FLOOR_CHANCE, np.float32(1.0), np.exp(log_ratio))
+        depth_m = depth_m * np.where(floor > FLOOR_CHANCE, np.float32(1.0), np.exp(log_ratio))
         unknown = (sigma_log > MAX_SIGMA_LOG) | (depth_m > FARTHEST_M)
         depth_m = np.where(unknown, np.float32(0.0), depth_m).astype(np.float32)
         return DepthEstimate(depth_m, sigma_log.astype(np.float32), floor.astype(np.float32))

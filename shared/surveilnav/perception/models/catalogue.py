@@ -42,7 +42,7 @@ class Model(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     """
 
     name: str = ""
-    kind: Literal["detector", "segmenter", "embedder"]
+    kind: Literal["detector", "segmenter", "embedder", "depth"]
     family: str
     licence: str
     files: tuple[File, ...]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from surveilnav.cameras_file import CameraEntry
-from surveilnav.perception.depth.network import DepthEstimate
+from surveilnav.perception.depth.estimate import DepthEstimate
 from surveilnav.services.camera_node.sources.readers.reader import CapturedFrame, StreamError
 from surveilnav.services.camera_node.sources.stream import StreamSource
 from tests import streams
@@ -68,7 +68,7 @@ def start() -> Iterator[Callable[..., StreamSource]]:
             0.0,
             lambda: next(readers, last),
             log=(log if log is not None else []).append,
-            depth_network=network,  # type: ignore[arg-type]
+            depth_estimator=network,  # type: ignore[arg-type]
         )
         sources.append(source)
         source.start()

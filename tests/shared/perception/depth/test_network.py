@@ -13,7 +13,8 @@ import pytest
 from surveilnav.errors import PerceptionError
 from surveilnav.geometry import Matrix4, Pinhole, camera_pose
 from surveilnav.perception.depth import DepthNetwork, reference_depth
-from surveilnav.perception.depth.network import BUILT_IN, MAX_SIGMA_LOG, input_size
+from surveilnav.perception.depth.estimate import MAX_SIGMA_LOG
+from surveilnav.perception.depth.network import BUILT_IN, input_size
 from surveilnav.simulator.render.renderer import Renderer
 from surveilnav.simulator.sources import open_building
 from surveilnav.simulator.world.scene import Scene
