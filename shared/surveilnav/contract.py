@@ -16,6 +16,8 @@ from surveilnav.messages.base import Message
 VERSION = 1
 ROOT = f"surveilnav/{VERSION}"
 LIVELINESS = "@surveilnav/" + str(VERSION) + "/{building}/{kind}/{id}"
+#: Liveliness token of one process, by which two of one name notice each other. ``zid``: its session.
+INSTANCE = "@surveilnav/" + str(VERSION) + "/{building}/{kind}/{id}/{zid}"
 
 #: Highest first. A query and its answer have the same priority.
 Priority = Literal["control", "data", "maps", "bulk"]
@@ -551,7 +553,8 @@ def markdown() -> str:
         "# The contract",
         "",
         "Generated from `shared/surveilnav/contract.py` by `make docs`; don't edit.",
-        f"Every key lies below `{ROOT}/`. Liveliness tokens: `{LIVELINESS}`.",
+        f"Every key lies below `{ROOT}/`. Liveliness tokens: `{LIVELINESS}`, and `{INSTANCE}` by which two "
+        "processes of one name notice each other.",
         "",
         "| stream | key | kind | owner | message (request) | rate | stale after | priority | link full | carries |",
         "|---|---|---|---|---|---|---|---|---|---|",

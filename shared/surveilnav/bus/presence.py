@@ -1,14 +1,25 @@
-"""Which nodes are present: those whose liveliness token the router holds."""
+"""Which nodes are present: those whose liveliness token the router holds.
+
+A name belongs to one process. One that finds its name taken waits until it is free: the token of a killed process goes with
+its connection, and after a power cut with the router's lease. If it stays taken, the process ends with an error. Two that start
+at the same moment find each other; the one whose session id is smaller stays.
+"""
 
 from __future__ import annotations
 
 import threading
+import time
 from typing import Any
 
 import zenoh
 
 from surveilnav.bus.connection import Connection
-from surveilnav.contract import LIVELINESS
+from surveilnav.contract import INSTANCE, LIVELINESS
+from surveilnav.errors import BusError
+
+#: So long a node waits for its name. The router drops a session that it hears nothing of after 10 s.
+NAME_WAIT_S = 12.0
+_POLL_S = 0.2
 
 
 class Presence:
@@ -19,9 +30,40 @@ class Presence:
         self._watchers: dict[str, _Watcher] = {}
 
     def announce(self, kind: str, id: str) -> None:
-        """Announces a node until the connection closes."""
+        """Announces a node until the connection closes.
+
+        Raises:
+            BusError: another process has this name.
+        """
+        session = self._connection.session
+        own, name = str(session.info.zid()), {"building": self._connection.building, "kind": kind, "id": id}
+        taken = (
+            f"a {kind} named {id!r} is on the bus already, and of two with one name nobody can tell whose word is whose"
+        )
+        until_s = time.monotonic() + NAME_WAIT_S
+        while self._instances(name):
+            if time.monotonic() > until_s:
+                raise BusError(f"{taken}: stop it, or give this one another name")
+            time.sleep(_POLL_S)
+        self._connection.keep(session.liveliness().declare_token(INSTANCE.format(**name, zid=own)))
+
+        def yield_to(sample: Any) -> None:
+            if sample.kind == zenoh.SampleKind.PUT and str(sample.key_expr).rsplit("/", 1)[1] < own:
+                self._connection.log.error(f"{taken}: this one ends")
+                self._connection.stop()
+
+        pattern = INSTANCE.format(**name, zid="*")
+        self._connection.keep(session.liveliness().declare_subscriber(pattern, yield_to))
+        if any(other < own for other in self._instances(name)):
+            raise BusError(f"{taken}: stop it, or give this one another name")
         token = LIVELINESS.format(building=self._connection.building, kind=kind, id=id)
         self._connection.keep(self._connection.session.liveliness().declare_token(token))
+
+    def _instances(self, name: dict[str, str]) -> set[str]:
+        """The session ids of the processes that have a name now."""
+        pattern = INSTANCE.format(**name, zid="*")
+        replies = self._connection.session.liveliness().get(pattern, timeout=1.0)
+        return {str(reply.ok.key_expr).rsplit("/", 1)[1] for reply in replies if reply.ok is not None}
 
     def alive(self, kind: str) -> set[str]:
         """Ids of the nodes of a kind that are present now. The first call for a kind subscribes to its changes."""

@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
-from surveilnav.bus import Node
+import threading
+import time
+
+import pytest
+
+from surveilnav.bus import Node, presence
+from surveilnav.errors import BusError
 from tests.waiting import until
 
 
@@ -16,3 +22,51 @@ def test_presence_follows_life(make_node, bus):
 
 def test_a_node_counts_its_routers(make_node):
     assert make_node("b", "b").routers() == 1
+
+
+@pytest.fixture
+def impatient(monkeypatch):
+    monkeypatch.setattr(presence, "NAME_WAIT_S", 0.5)
+
+
+def test_a_second_node_of_one_name_is_refused_by_name(impatient, make_node, bus):
+    make_node("robot", "r7")
+    with pytest.raises(BusError, match="a robot named 'r7' is on the bus already"), Node("robot", "r7", bus):
+        pass
+    with Node("robot", "r8", bus), Node("camera", "r7", bus):
+        pass
+
+
+def test_a_name_is_free_again_when_its_process_ends(bus):
+    """The second waits for it, as after a crash whose connection the router hasn't missed yet."""
+    first = Node("robot", "r7", bus)
+    first.__enter__()
+    timer = threading.Timer(1.0, lambda: first.__exit__(None, None, None))
+    timer.start()
+    began_s = time.monotonic()
+    with Node("robot", "r7", bus):
+        assert time.monotonic() - began_s > 0.8
+    timer.join()
+
+
+def test_of_several_that_start_at_once_one_stays(impatient, bus):
+    n, staying, gate, checked = 4, [], threading.Barrier(4), threading.Event()
+
+    def start():
+        gate.wait()
+        try:
+            with Node("robot", "r7", bus) as node:
+                checked.wait(20)
+                if not node.stopping.is_set():
+                    staying.append(node)
+        except BusError:
+            pass
+
+    threads = [threading.Thread(target=start) for _ in range(n)]
+    for thread in threads:
+        thread.start()
+    time.sleep(2.0)  # longer than any waits for the name
+    checked.set()
+    for thread in threads:
+        thread.join(20)
+    assert len(staying) == 1
