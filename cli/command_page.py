@@ -39,7 +39,7 @@ SHAPES: dict[str, str] = {
     "`angle_sigma_deg`, `stops`, `residual_px`), `refused`, `left_out`, `tag_on_robot_m`, `written`",
     "cameras draw-tag": "`file`",
     "replay": "with `--check`: `recorded`, `replayed`, `views`, `began_with`, `ended`, `same`",
-    "status": "`services`, `robots`, `cameras`, `perception`, `missions`: items each",
+    "status": "`services`, `robots`, `cameras`, `perception`, `missions`: items each; `wrong_clocks` if there are any",
     "watch": "one object for each line: `id`, `event`, `data` (`Event`)",
     "objects": "items: `Object`",
     "map": "`Layer`",

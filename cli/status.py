@@ -10,6 +10,7 @@ from rich.text import Text
 from surveilnav.cli.listing import Column, listing
 from surveilnav.cli.options import DEFAULT_URL, AsJson, Url, gateway, items, print_result, results
 from surveilnav.cli.terminal import plain
+from surveilnav.cli.traffic import MAX_CLOCK_OFFSET_S, clock_words
 from surveilnav.cli.words import clock, why_perceived
 
 if TYPE_CHECKING:
@@ -30,13 +31,18 @@ def status(url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
 
 def everything(asked: Client) -> dict[str, list[Any]]:
     """The gateway's lists by name."""
-    return {
+    found: dict[str, list[Any]] = {
         "services": list(asked.services()),
         "robots": list(asked.robots()),
         "cameras": list(asked.cameras()),
         "perception": list(asked.perception()),
         "missions": list(asked.missions()),
     }
+    nodes = asked.traffic().nodes
+    wrong = [n for n in nodes if not n.stale and abs(n.clock_offset_s or 0.0) > MAX_CLOCK_OFFSET_S]
+    if wrong:
+        found["wrong_clocks"] = wrong
+    return found
 
 
 def show_status(found: dict[str, list[Any]], console: Console) -> None:
@@ -50,9 +56,10 @@ def show_status(found: dict[str, list[Any]], console: Console) -> None:
         "cameras": show_cameras,
         "perception": _workers,
         "missions": show_missions,
+        "wrong_clocks": _clocks,
     }
     for name, rows in found.items():
-        console.print(f"[bold]{name}[/] ({len(rows)})")
+        console.print(f"[bold]{name.replace('_', ' ')}[/] ({len(rows)})")
         if rows:
             show[name](rows, console)
 
@@ -73,6 +80,14 @@ def service_state(service: Service) -> tuple[str, str]:
     if service.given_up:
         return "given up", "red"
     return ("runs", "") if service.running else ("ended", "red")
+
+
+def _clocks(rows: list[Any], console: Console) -> None:
+    columns = (
+        Column("process", lambda n: f"{n.kind}/{n.id}", "id"),
+        Column("clock", lambda n: clock_words(n.clock_offset_s)),
+    )
+    listing(console, columns, rows)
 
 
 def _robots(rows: list[Any], console: Console) -> None:

@@ -10,7 +10,10 @@ import typer
 from surveilnav.cli.completing import known
 from surveilnav.cli.listing import Cell, Column, facts, listing
 from surveilnav.cli.options import DEFAULT_URL, AsJson, Url, gateway, print_result, results
-from surveilnav.cli.words import human_bytes
+from surveilnav.cli.words import duration, human_bytes
+
+#: Clocks that are off by more than this are named.
+MAX_CLOCK_OFFSET_S = 1.0
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -74,6 +77,13 @@ def _source(kind: str, source: SourceTraffic) -> list[Cell]:
     return [(name, "yellow" if source.stale else ""), *map(human_bytes, [*counts, source.viewer_bytes])]
 
 
+def clock_words(offset_s: float | None) -> tuple[str, str]:
+    """What is to be said of a clock, and its colour; nothing if it is right to a second."""
+    if offset_s is None or abs(offset_s) <= MAX_CLOCK_OFFSET_S:
+        return "", ""
+    return f"{duration(abs(offset_s))} {'ahead' if offset_s > 0 else 'behind'}", "red"
+
+
 def _show_nodes(found: Traffic, console: Console) -> None:
     columns = (
         Column("process", lambda n: f"{n.kind}/{n.id}", "id"),
@@ -81,6 +91,7 @@ def _show_nodes(found: Traffic, console: Console) -> None:
         Column("delivered", lambda n: human_bytes(n.delivered_bytes), "number"),
         Column("wire out", lambda n: human_bytes(n.wire_sent_bytes), "number"),
         Column("wire in", lambda n: human_bytes(n.wire_received_bytes), "number"),
+        Column("clock", lambda n: clock_words(n.clock_offset_s)),
         Column("refused", lambda n: str(sum(n.rejected.values())), "number"),
     )
     listing(console, columns, found.nodes)

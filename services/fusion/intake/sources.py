@@ -8,7 +8,9 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+
+import msgspec
 
 from surveilnav.bus import LatestMessage, Node, Received, clock_ns
 from surveilnav.contract import CAMERA_FRAME, CAMERA_INFO, CAMERA_REQUEST, MAP_REVISION, ROBOT_OBSERVATION, ROBOT_STATUS
@@ -18,6 +20,7 @@ from surveilnav.services.fusion.building_maps import BuildingMaps
 from surveilnav.services.fusion.config import FusionSettings
 from surveilnav.services.fusion.core.views.invocation import Invocation, invoke
 from surveilnav.services.fusion.intake.camera_searches import CameraSearches
+from surveilnav.services.fusion.intake.clocks import SourceClocks
 from surveilnav.services.fusion.intake.words import SearchedWords
 
 _MAX_CAMERAS, _MAX_VIEWS, _MAX_ROBOTS = 1000, 64, 64
@@ -61,7 +64,7 @@ class Sources:
         node.alive("robot")  # the first call starts to follow presence
         self._robots: dict[str, LatestMessage[FrameHeader]] = {}
         self._newest = {robot: (last.seq, last.stamp_ns) for robot, last in maps.processed.robots.items()}
-        self._invocation = Invocation()
+        self._invocation, self._clocks = Invocation(), SourceClocks()
         self._silent_prefetched: set[str] = set()
         self._floor_z_m: dict[str, float] = {}
         self._refreshed_s = 0.0
@@ -107,7 +110,7 @@ class Sources:
             # a robot repeats its observation until it gets a command; after a restart it numbers anew
             if (header.seq, header.stamp_ns) != self._newest.get(robot):
                 self._newest[robot] = header.seq, header.stamp_ns
-                frames.append(frame)
+                frames.append(self._by_our_clock(frame))
         return frames
 
     def _camera_frames(self) -> list[Received[FrameHeader]]:
@@ -119,8 +122,18 @@ class Sources:
                     camera.arrived.add(view)
                     camera.is_silent = False
                     camera.resend_at_s = time.monotonic() + self._settings.resend_after_s
-                    frames.append(frame)
+                    frames.append(self._by_our_clock(frame))
         return frames
+
+    def _by_our_clock(self, frame: Received[FrameHeader]) -> Received[FrameHeader]:
+        """The frame with its time of capture corrected, if its source's clock is ahead by more than a second."""
+        header = frame.message
+        stamp_ns = self._clocks.corrected_ns(header.source, header.stamp_ns, clock_ns())
+        if stamp_ns == header.stamp_ns:
+            return frame
+        ahead_s = round((header.stamp_ns - stamp_ns) / 1e9, 1)
+        self._node.warn_seldom("a clock is ahead, its times aren't believed", source=header.source, ahead_s=ahead_s)
+        return replace(frame, message=msgspec.structs.replace(header, stamp_ns=stamp_ns))
 
     def _belongs(self, frame: Received[FrameHeader], source: str, view: int) -> bool:
         """Whether a frame's header agrees with its key, and its floor and numbers can be stored."""

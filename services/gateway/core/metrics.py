@@ -144,6 +144,8 @@ def _node_metrics(state: BuildingMetrics) -> Iterator[Metric]:
         ("wire_received_bytes", "The same, received"),
     ):
         yield _counter(f"node_{name}", what, nodes, labels, lambda n, name=name: getattr(n, name))  # type: ignore[misc]
+    what = "How far its clock is ahead of the gateway's"
+    yield _gauge("node_clock_offset_seconds", what, nodes, labels, lambda n: n.clock_offset_s)
     what = "What it dropped because it couldn't be read"
     yield _counter("node_rejected", what, nodes, labels, lambda n: sum(n.rejected.values()))
 

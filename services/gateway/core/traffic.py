@@ -66,6 +66,7 @@ def _node(report: TrafficReport, received: ReportAge) -> NodeTraffic:
         wire_sent_bytes=report.wire_sent_bytes,
         wire_received_bytes=report.wire_received_bytes,
         simulation_bytes=sum(r.n_bytes for r in report.rows) - sum(r.n_bytes for r in real),
+        clock_offset_s=(report.stamp_ns - received.seen_ns) / 1e9 if received.seen_ns else None,
         rejected=report.rejected,
         last_seen=utc(received.seen_ns),
         stale=received.stale,

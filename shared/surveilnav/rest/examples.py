@@ -176,7 +176,7 @@ CAMERA: dict[str, Any] = {
     "height_px": 1280,
     "tier": "jpeg+depth",
     "label": "",
-    "stream": {"state": "live", "reason": "", "since": None},
+    "stream": {"state": "live", "reason": "", "since": None, "n_bytes": 0},
     "paused": False,
     "invoked": True,
     "views_processed": 13,

@@ -6,7 +6,7 @@ from datetime import datetime
 
 from pydantic import BaseModel, Field
 
-from surveilnav.rest.base import Resource, Text
+from surveilnav.rest.base import Number, Resource, Text
 
 
 class Readiness(BaseModel):
@@ -40,6 +40,11 @@ class NodeTraffic(Resource):
     wire_sent_bytes: int | None
     wire_received_bytes: int | None
     simulation_bytes: int = Field(description="ground truth for simulated perception: no traffic of a real building")
+    clock_offset_s: Number = Field(
+        default=None,
+        description="how far its clock is ahead of the gateway's, to about 0.1 s; null: unknown. Fusion doesn't believe the "
+        "times of pictures whose clock is ahead by more than a second",
+    )
     rejected: dict[str, int] = Field(description="what it dropped because it couldn't be read, by reason")
 
 

@@ -8,6 +8,7 @@ import pytest
 import structlog
 
 from surveilnav import contract
+from surveilnav.bus import Received, clock_ns
 from surveilnav.geometry import Pinhole, Pose
 from surveilnav.messages import CameraInfo, CameraViewInfo, FrameHeader
 from surveilnav.messages.view import PayloadPart
@@ -49,6 +50,7 @@ class FakeNode:
         self.slots: dict[tuple[object, ...], FakeSlot] = {}
         self.slots_opened: list[FakeSlot] = []
         self.rejected: list[str] = []
+        self.warned: list[tuple[str, dict[str, object]]] = []
         self.log = structlog.wrap_logger(None, processors=[self._drop])
 
     def _drop(self, *_):
@@ -70,6 +72,9 @@ class FakeNode:
 
     def reject(self, where, why):
         self.rejected.append(where)
+
+    def warn_seldom(self, event, **facts):
+        self.warned.append((event, facts))
 
     def robots(self, *names: str) -> None:
         """Only they have said something lately."""
@@ -122,7 +127,7 @@ class Followed:
         return self.sources.poll()
 
     def says(self, **fields) -> None:
-        self.node.slots["r",].frame = SimpleNamespace(message=header(**fields))
+        self.node.slots["r",].frame = Received("", {"robot": "r"}, header(**fields), b"", 1)
 
 
 @pytest.fixture
@@ -162,6 +167,19 @@ def test_a_number_that_nobody_can_hold_is_counted_by_name_and_let_in_nowhere(fol
     assert followed.node.rejected == ["frame.bad_number"]
     followed.says(seq=2**53 - 1, stamp_ns=2**62 - 1)
     assert len(followed.look()[0]) == 1
+
+
+def test_a_time_in_the_future_is_not_believed_and_its_clock_is_named(followed):
+    hour_ns = 3600 * 10**9
+    followed.says(seq=2, stamp_ns=clock_ns() + hour_ns)
+    ((frame,), _) = followed.look()
+    assert abs(frame.message.stamp_ns - clock_ns()) < 5e9
+    assert followed.node.warned == [
+        ("a clock is ahead, its times aren't believed", {"source": "robot/r", "ahead_s": 3600.0})
+    ]
+    followed.says(seq=3, stamp_ns=(right := clock_ns()))
+    ((frame,), _) = followed.look()
+    assert frame.message.stamp_ns == right
 
 
 @pytest.mark.parametrize("view", [2**63, 64, -1])

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import pytest
+
 from surveilnav import contract
 from surveilnav.messages import TrafficReport, TrafficRow
-from surveilnav.services.gateway.core.traffic import sum_traffic
+from surveilnav.services.gateway.core.traffic import ReportAge, sum_traffic
 
 FRAME = contract.CAMERA_FRAME.key_for(building="b", floor="0", camera="c1", view=3)
 SUMMARY = contract.CAMERA_SUMMARY.key_for(building="b", floor="0", camera="c1")
@@ -96,3 +98,12 @@ def test_a_camera_whose_own_report_is_missing_isnt_its_askers():
 def test_nothing():
     sums = sum_traffic([])
     assert (sums.nodes, sums.cameras, sums.robots, sums.offered_bytes, sums.wire_sent_bytes) == ([], [], [], 0, None)
+
+
+def test_a_clock_is_compared_with_the_gateways():
+    hour_ns = 3600 * 10**9
+    reports = [report("camera", "c1", stamp_ns=hour_ns + 5), report("robot", "r1", stamp_ns=7)]
+    received = {"camera/c1": ReportAge(10, stale=False)}
+    nodes = {n.id: n for n in sum_traffic(reports, received).nodes}
+    assert nodes["c1"].clock_offset_s == pytest.approx(3600.0, abs=1e-3)
+    assert nodes["r1"].clock_offset_s is None, "nobody knows when its report came"
