@@ -20,9 +20,10 @@ class CameraSettings(BaseSettings):
     )
     id: str = Field("", description="name of a camera of the file or the plan; empty: lease any free one")
     depth: Literal["network", "depth-anything", "none"] = Field(
-        "network",
-        description="depth of a real camera's pictures: `network`: by our own network, which uses the camera's pose; "
-        "`depth-anything`: by the network that DEPTH_MODEL names, fitted to the floor; `none`: they have none",
+        "none",
+        description="depth of a real camera's pictures: `none`: they have none; `network`: by our own network, which uses the "
+        "camera's pose and is good on rendered pictures only; `depth-anything`: by the one that DEPTH_MODEL names, fitted to the "
+        "floor",
     )
     depth_model: str = Field(
         "depth-anything-v2-metric-indoor-small",

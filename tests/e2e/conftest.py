@@ -142,6 +142,7 @@ def starting(folder: Path, cache: Path) -> Iterator[Callable[..., System]]:
             names = [c.name for c in home.plan.cameras]
             if cameras_file is not None:
                 variables["SURVEILNAV_CAMERA__FILE"] = variables["SURVEILNAV_GATEWAY__CAMERAS_FILE"] = str(cameras_file)
+                variables["SURVEILNAV_CAMERA__DEPTH"] = "network"  # which is good on rendered pictures
                 names = list(load_cameras(cameras_file).cameras)
             variables["SURVEILNAV_GATEWAY__PORT"] = str(gateway_port)
             stack = exits.enter_context(

@@ -91,7 +91,7 @@ def test_an_entry_is_changed_broken_mended_and_removed(
     until(lambda: (told := info()) is not None and told.stream.state == "live", info, timeout_s=30.0)
     first = info()
     assert first is not None
-    assert (first.label, first.tier, first.mounting_offset_m) == ("Halle Süd", "jpeg+depth", 2.5)
+    assert (first.label, first.tier, first.mounting_offset_m) == ("Halle Süd", "jpeg", 2.5)
     assert looks_along(0)
     file.write_text(FILE.replace("yaw_deg: 0", "yaw_deg: 90"), encoding="utf-8")
     until(lambda: looks_along(1), info, timeout_s=30.0)
