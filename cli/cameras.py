@@ -300,6 +300,8 @@ def state_of(camera: Camera) -> tuple[str, str]:
         return "offline", "red"
     if camera.paused:
         return "paused", "yellow"
+    if camera.quarantine:
+        return "quarantined", "red"
     if camera.stream.state != "live":
         return camera.stream.state, "yellow" if camera.stream.state == "connecting" else "red"
     return ("invoked", "green") if camera.invoked else ("idle", "")
@@ -320,3 +322,7 @@ def show_cameras(found: list[Camera], console: Console) -> None:
         Column("saw", lambda c: ", ".join(f"{k} {v:.2f}" for k, v in c.labels.items() if v is not None), "note"),
     )
     listing(console, columns, found)
+    for camera in found:
+        if camera.quarantine:
+            told = f"camera {camera.id} isn't believed until it is calibrated anew: {camera.quarantine}"
+            console.print(told, markup=False, style="red", soft_wrap=True)

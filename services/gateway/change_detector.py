@@ -99,7 +99,12 @@ class ChangeDetector:
     def _camera_states(self) -> dict[str, CameraState]:
         return {
             c.id: CameraState(
-                floor=c.floor, online=not c.stale, invoked=c.invoked, paused=c.paused, stream=c.stream.state
+                floor=c.floor,
+                online=not c.stale,
+                invoked=c.invoked,
+                paused=c.paused,
+                stream=c.stream.state,
+                quarantined=bool(c.quarantine),
             )
             for c in self._all_cameras.all()
         }

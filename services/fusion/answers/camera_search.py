@@ -98,6 +98,9 @@ class CameraSearchAnswers:
         """Why not every view of a camera was looked at; "" if every one was."""
         if info.paused:
             return "paused"
+        with self._maps.lock:
+            if why := self._maps.joint.quarantine.reasons().get(f"camera/{info.camera}"):
+                return f"it is in quarantine: {why}"
         if info.stream.state != "live":
             return f"its stream is {info.stream.state}{f': {info.stream.reason}' if info.stream.reason else ''}"
         return "its views didn't come in time" if self._is_awaited(info) else ""

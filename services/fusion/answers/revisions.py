@@ -85,10 +85,12 @@ class Revisions:
     def _camera_use(self, floor_z_m: float) -> tuple[list[CameraUse], int]:
         """The active cameras of a floor (eq. 1), and the number of their views that are still to come."""
         uses, pending = [], 0
+        with self._maps.lock:
+            reasons = self._maps.joint.quarantine.reasons()
         for name in active_cameras([floor_z_m], [c.info for c in self._intake.cameras.values()], self._tau_z_m):
             camera = self._intake.cameras[name]
             n_processed = len(self._maps.processed.views_of(name) & set(camera.slots))
-            uses.append(CameraUse(name, n_processed, len(camera.slots)))
+            uses.append(CameraUse(name, n_processed, len(camera.slots), reasons.get(f"camera/{name}", "")))
             pending += 0 if camera.is_silent else len(camera.slots) - n_processed
         return uses, pending
 

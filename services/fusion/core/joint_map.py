@@ -22,7 +22,7 @@ from surveilnav.services.fusion.core.objects.object_map import ObjectMap
 from surveilnav.services.fusion.core.views.floor_fit import with_corrected_depth
 from surveilnav.services.fusion.core.views.invocation import same_floor
 from surveilnav.services.fusion.core.views.order import KnownFloor, ViewFootprint, floor_utilities_m2, visible_ranges_m
-from surveilnav.services.fusion.core.views.plausibility import find_mistake
+from surveilnav.services.fusion.core.views.quarantine import Quarantine
 from surveilnav.services.fusion.core.views.validation import ViewError, ViewValidator, check_view
 
 _MAX_NAMES = 256  # of floors, since a robot may send any name
@@ -67,13 +67,13 @@ class JointMap:
 
     Attributes:
         revision: number of views that have changed the maps.
-        validator: refuses views that can't follow the previous one of their source.
+        validator, quarantine: refuse views that can't follow the previous one of their source, and wrongly described cameras.
     """
 
     def __init__(self, config: FusionConfig | None = None) -> None:
         self.config = config or FusionConfig()
         self.revision = 0
-        self.validator = ViewValidator(self.config.validation)
+        self.validator, self.quarantine = ViewValidator(self.config.validation), Quarantine(self.config.validation)
         self._floors: dict[str, _FloorMaps] = {}
         self._name_of: dict[str, str] = {}  # a source's name for a floor -> the map's name for it
         self._climbs: dict[str, ClimbTracker] = {}  # by robot
@@ -100,8 +100,8 @@ class JointMap:
         self.validator.record_arrival(view, validation)
         if validation.fault is not None:
             raise validation.fault
-        if validation.is_new and (mistake := find_mistake(view, self.config.validation)):
-            raise ViewError("geometry_disagrees", mistake)
+        if validation.is_new:
+            self.quarantine.check(view)
         corrected = with_corrected_depth(view, self.config.estimated_depth)
         geometry = self._add_geometry(corrected) if validation.is_new else None
         result = self.add_detections(corrected, perception, geometry)

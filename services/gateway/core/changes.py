@@ -30,6 +30,7 @@ class CameraState:
     invoked: bool
     paused: bool = False
     stream: str = "live"
+    quarantined: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +106,8 @@ def object_changes(before: ObjectRecord | None, now: ObjectRecord | None) -> Ite
 
 
 def camera_changes(before: CameraState | None, now: CameraState | None) -> Iterable[str]:
-    """``new``, ``offline``, ``back``; ``invoked``, ``released``; ``paused``, ``resumed``; ``stream_<state>``."""
+    """``new``, ``offline``, ``back``; ``invoked``, ``released``; ``paused``, ``resumed``; ``quarantined``, ``believed``;
+    ``stream_<state>``."""
     if now is None:
         return
     if before is None:
@@ -116,6 +118,8 @@ def camera_changes(before: CameraState | None, now: CameraState | None) -> Itera
         yield "invoked" if now.invoked else "released"
     if now.paused != (before is not None and before.paused):
         yield "paused" if now.paused else "resumed"
+    if now.quarantined != (before is not None and before.quarantined):
+        yield "quarantined" if now.quarantined else "believed"
     if now.stream != (before.stream if before is not None else "live"):
         yield f"stream_{now.stream}"
 

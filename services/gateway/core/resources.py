@@ -93,6 +93,7 @@ def camera_from_info(
         height_px=info.intrinsics.height_px,
         invoked=use is not None,
         views_processed=use.views_processed if use else 0,
+        quarantine=use.quarantine[:_MAX_REASON_CHARS] if use else "",
         labels=labels,
         views=[_view(info.camera, view, root) for view in info.views],
         stream=CameraStream(

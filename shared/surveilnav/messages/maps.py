@@ -63,11 +63,13 @@ class CameraUse(msgspec.Struct, frozen=True):
     """A camera that is invoked, and how many of its views fusion has processed.
 
     A view is processed when it is in the maps or was refused for good, so that nobody has to wait for it any more.
+    ``quarantine``: why none of its views is believed; "" if they are.
     """
 
     camera: str
     views_processed: int
     views: int
+    quarantine: str = ""
 
 
 class Revision(Message, frozen=True, kw_only=True):

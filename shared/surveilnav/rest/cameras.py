@@ -63,6 +63,9 @@ class Camera(Resource):
     views_processed: int = Field(
         default=0, description="how many of its views are in the maps, or were refused for good"
     )
+    quarantine: str = Field(
+        default="", description="why none of its views is believed, until it is described anew; empty: they are"
+    )
     labels: dict[str, Number] = Field(default_factory=dict, description="what it last saw, with confidences")
     views: list[CameraView]
 

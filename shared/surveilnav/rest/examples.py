@@ -180,6 +180,7 @@ CAMERA: dict[str, Any] = {
     "paused": False,
     "invoked": True,
     "views_processed": 13,
+    "quarantine": "",
     "labels": {"couch": 0.81},
     "views": [{"view": 0, "yaw_rad": 0.0, "pitch_rad": -0.52, "picture": "/api/v1/cameras/c0-1/views/0.jpg"}],
 }

@@ -15,8 +15,8 @@ Faults of a view beside the earlier ones of its source (``ViewValidator``):
     time_backwards      taken before the previous view
     intrinsics_changed  other intrinsics than in the previous view
 
-The maps themselves add ``geometry_disagrees`` (a mistake in a camera's description, see ``plausibility``), ``out_of_map``
-(farther away than a map may grow) and ``too_many_floors``.
+The maps themselves add ``geometry_disagrees`` (a mistake in a camera's description, see ``plausibility``), ``quarantined``,
+``out_of_map`` (farther away than a map may grow) and ``too_many_floors``.
 
 A pixel without depth (NaN or 0) isn't a fault; it is left out.
 """
@@ -49,6 +49,7 @@ ViewFault = Literal[
     "time_backwards",
     "intrinsics_changed",
     "geometry_disagrees",
+    "quarantined",
     "out_of_map",
     "too_many_floors",
 ]

@@ -26,6 +26,7 @@ function found(now) {
   for (const r of all("robot")) if (r.stale) add(`robot ${r.id}`, "bad", `Robot ${r.id} is silent`, r.last_seen);
   for (const c of all("camera")) if (c.stale) add(`camera ${c.id}`, "bad", `Camera ${c.id} is ${presence(c, now)}`, c.last_seen);
     else if (!["live", "connecting"].includes(c.stream.state)) add(`stream ${c.id}`, "bad", `The stream of camera ${c.id} is ${c.stream.state.replace("_", " ")}: ${c.stream.reason}`, c.stream.since);
+  for (const c of all("camera")) if (c.quarantine && !c.stale) add(`quarantine ${c.id}`, "bad", `Camera ${c.id} isn't believed until it is calibrated anew: ${c.quarantine}`, null);
   const workers = all("worker");
   for (const w of workers) if (w.stale && workers.length > 1) add(`worker ${w.id}`, "warn", `Perception worker ${w.id} is gone`, w.last_seen);
   for (const kind of one("readiness", "")?.missing ?? []) if (kind !== "robot") add(`missing ${kind}`, "bad", MISSING[kind] ?? `${kind} is missing`, lastOf(kind));

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import msgspec
 import pytest
@@ -62,6 +63,8 @@ def but(known, /, **facts):
         (changes.camera_changes, CAMERA, CAMERA, []),
         (changes.camera_changes, CAMERA, CameraState("0", online=True, invoked=False, paused=True), ["paused"]),
         (changes.camera_changes, CameraState("0", online=True, invoked=False, paused=True), CAMERA, ["resumed"]),
+        (changes.camera_changes, CAMERA, replace(CAMERA, quarantined=True), ["quarantined"]),
+        (changes.camera_changes, replace(CAMERA, quarantined=True), CAMERA, ["believed"]),
         (changes.robot_changes, None, ROBOT, ["new"]),
         (changes.robot_changes, ROBOT, RobotSituation(online=False, state="moving", floor="0"), ["silent"]),
         (changes.robot_changes, ROBOT, RobotSituation(online=True, state="moving", floor="1"), ["moving", "floor"]),

@@ -54,6 +54,31 @@ def test_a_mistake_is_named_and_leaves_no_trace(views, mistake, named):
     assert joint.floors == {}
 
 
+def test_a_wrong_camera_is_believed_in_none_of_its_views_until_it_is_described_anew(views, world):
+    """A view that shows hardly any floor would pass by itself."""
+    up = world.view(2.0, 2.0, 0.0, 0.7, height=1.8, source="camera/c", camera=LENS, view=6)
+    joint = JointMap()
+    for view in views[:2]:
+        with pytest.raises(ViewError, match="focal length"):
+            joint.accept(with_focal_length(view, 0.5), None)
+    assert list(joint.quarantine.reasons()) == ["camera/c"]
+    with pytest.raises(ViewError, match="other views of this camera disagree") as refused:
+        joint.accept(with_focal_length(up, 0.5), None)
+    assert refused.value.name == "quarantined"
+    other = replace(up, source="camera/d")
+    assert joint.accept(other, None) is not None, "other cameras are believed"
+    assert all(joint.accept(view, None) is not None for view in (*views, up))
+    assert joint.quarantine.reasons() == {}
+
+
+def test_one_view_alone_puts_no_camera_into_quarantine(views):
+    joint = JointMap()
+    assert all(joint.accept(view, None) is not None for view in views[:5])
+    with pytest.raises(ViewError, match="focal length"):
+        joint.accept(with_focal_length(views[5], 0.5), None)
+    assert joint.quarantine.reasons() == {}
+
+
 def test_right_descriptions_are_believed(views):
     joint = JointMap()
     for view in views:
