@@ -10,6 +10,7 @@ import subprocess
 import sys
 import threading
 import time
+from dataclasses import replace
 
 import cv2
 import msgspec
@@ -444,6 +445,21 @@ def test_a_camera_whose_frames_are_not_its_own_is_refused_before_perception(scen
     assert "wrong_intrinsics" in scene.revision().message
     assert rejected(scene) == {"view.wrong_intrinsics": 1}
     assert [s for s in worker.seen if s[0] == "camera/c"] == [("camera/c", 0, 0)]
+
+
+def test_a_wrongly_described_camera_is_put_into_quarantine_and_shown(scene):
+    scene.worker()
+    camera = scene.camera()
+    turned = np.diag([1.0, -1.0, -1.0, 1.0])
+    camera.views = [replace(v, T_world_camera=v.T_world_camera @ turned) for v in camera.views]
+    scene.start()
+    scene.robot.observe()
+    until(lambda: camera.invoked)
+    camera.send(0)
+    camera.send(1)
+    until(lambda: (r := scene.revision()) and r.cameras and r.cameras[0].views_processed == 2)
+    until(lambda: "axes" in scene.revision().cameras[0].quarantine, lambda: scene.revision())
+    assert rejected(scene) == {"view.geometry_disagrees": 2}
 
 
 def test_a_robot_on_the_stairs_takes_its_cameras_along(scene):
