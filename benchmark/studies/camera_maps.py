@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import time
 from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -132,6 +133,7 @@ def main() -> None:
     measured = {name: Measured() for name in ARMS}
     scenes = scenes_of(args.root, args.split)[: args.scenes]
     for number, scene in enumerate(scenes, 1):
+        began_s = time.monotonic()
         data = load_scene(args.root, args.split, scene)
         building = open_scene(data.record, lighting="flat")
         building.settings.depth_noise = False
@@ -142,7 +144,8 @@ def main() -> None:
             compare_objects(joint, data, building, measured[name])
             if arm.camera_depth != "none":
                 compare_obstacles(joint, exact, measured[name])
-        print(f"{number} of {len(scenes)}: {scene}", flush=True)
+        left_min = (len(scenes) - number) * (time.monotonic() - began_s) / 60
+        print(f"{number} of {len(scenes)}: {scene}; about {left_min:.0f} min left", flush=True)
     print("\n| cameras | object's error, median | 90 % below | things found | ghosts | obstacles too many | missing |")
     print("|---|---|---|---|---|---|---|")
     for name, found in measured.items():
