@@ -1,0 +1,100 @@
+"""Computes the maps again without what was removed, on a thread, while the present maps serve queries and take new views."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Sequence
+
+from surveilnav.bus import Node
+from surveilnav.services.fusion.building_maps import BuildingMaps, Outcome
+from surveilnav.services.fusion.map_log.recovery import replay, restore_snapshot
+from surveilnav.services.fusion.map_log.removal import Removal
+from surveilnav.services.fusion.map_log.store import Store, StoredEvent
+from surveilnav.services.fusion.perceived import PerceivedView
+
+_POLL_S = 0.02  # between two looks for new views
+#: So few views the main loop integrates itself, so that the new maps aren't always a view behind.
+_MAX_LAST_VIEWS = 4
+
+
+class MapRebuild:
+    """Maps that are computed from the log until they have processed all that the present maps have.
+
+    Attributes:
+        maps: the new maps; nobody else uses them before ``is_complete``.
+        events: what happened to objects in them, since ``begin_number``.
+        begin_number: log number of the snapshot that they began with.
+        n_views: number of views that were processed so far.
+        error: why they can't be computed; None if they can.
+    """
+
+    def __init__(self, store: Store, node: Node, present: BuildingMaps, removals: Sequence[Removal]) -> None:
+        """``present``: the maps that are in use. ``removals``: all of the file, oldest first."""
+        self._store, self._node, self._present, self._removals = store, node, present, list(removals)
+        self._lock = threading.Lock()  # held while views are integrated
+        self._stopping = threading.Event()
+        self.maps = BuildingMaps(present.joint.config)
+        self.events: list[StoredEvent] = []
+        self.begin_number: int | None = None
+        self.n_views = 0
+        self.error: Exception | None = None
+        self._thread = threading.Thread(target=self._run, name="rebuild maps", daemon=True)
+        self._thread.start()
+
+    def is_complete(self) -> bool:
+        """Whether the new maps have processed all that the present maps have. The main loop asks, which alone adds views.
+
+        If only a few views are missing, they are integrated before it returns.
+        """
+        behind = self._present.number - self.maps.number
+        if self.error is not None or self.begin_number is None or behind > _MAX_LAST_VIEWS:
+            return False
+        with self._lock:
+            self._catch_up()
+            return self.error is None
+
+    def close(self) -> None:
+        """Stops the thread."""
+        self._stopping.set()
+        self._thread.join()
+
+    def _run(self) -> None:
+        try:
+            with self._lock:
+                self._removals = restore_snapshot(self._store, self._node, self.maps, self._removals)
+                self.begin_number = self.maps.number
+        except Exception as error:
+            self.error = error
+            return
+        while not self._stopping.is_set() and self.error is None:
+            with self._lock:
+                more = self._catch_up(max_views=1)
+            if not more:
+                self._stopping.wait(_POLL_S)
+
+    def _catch_up(self, max_views: int | None = None) -> bool:
+        """Integrates views, at most ``max_views``; returns whether there may be more. The caller holds the lock."""
+        up_to = self._present.number
+        if self.maps.number >= up_to or self.error is not None:
+            return False
+        try:
+            for k, _ in enumerate(replay(self._store, self._node, self.maps, self._removals, self._integrate, up_to), 1):
+                self.n_views += 1
+                if k == max_views:
+                    return True
+        except Exception as error:
+            self.error = error
+        return False
+
+    def _integrate(self, number: int, perceived: PerceivedView) -> Outcome:
+        outcome = self.maps.integrate(perceived, number)
+        self.events += stored_events(number, outcome)
+        return outcome
+
+
+def stored_events(number: int, outcome: Outcome) -> list[StoredEvent]:
+    """The events of objects that a view with a log number has caused."""
+    return [
+        StoredEvent(number, k, outcome.floor, change.object_id, change.absorbed, change.event)
+        for k, change in enumerate(outcome.changes)
+    ]
