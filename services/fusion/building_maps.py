@@ -10,6 +10,7 @@ from typing import Any
 from surveilnav.messages import FrameHeader
 from surveilnav.services.fusion.core import FusionConfig, JointMap
 from surveilnav.services.fusion.core.objects.map_object import ObjectChange
+from surveilnav.services.fusion.core.removal import Contribution, without
 from surveilnav.services.fusion.core.snapshot import freeze, thaw
 from surveilnav.services.fusion.core.views.validation import ViewError
 from surveilnav.services.fusion.map_log.removal import ANY_SOURCE, Removal
@@ -99,7 +100,9 @@ class ProcessedViews:
         """Records a robot's observation as processed, so that nobody waits for it. ``floor``: where it was made; "": unknown."""
         name = header.source.partition("/")[2]
         last = self.robots.get(name)
-        self.robots[name] = LastObservation(floor or (last.floor if last else header.floor), header.seq, header.stamp_ns)
+        self.robots[name] = LastObservation(
+            floor or (last.floor if last else header.floor), header.seq, header.stamp_ns
+        )
 
     def drop(self, source: str) -> None:
         """Forgets a camera's views, so that it is looked through anew, and a source's faults. Spans stay."""
@@ -126,7 +129,9 @@ class ProcessedViews:
         processed.views = {name: set(views) for name, views in state["views"].items()}
         processed.digests = {(source, view): digest for source, view, digest in state["digests"]}
         processed.faults = {(source, view): why for source, view, why in state["faults"]}
-        spans = state.get("spans", {ANY_SOURCE: (0, 0)})  # a snapshot of an earlier program doesn't say whose views it holds
+        spans = state.get(
+            "spans", {ANY_SOURCE: (0, 0)}
+        )  # a snapshot of an earlier program doesn't say whose views it holds
         processed.spans = {source: (first_ns, last_ns) for source, (first_ns, last_ns) in spans.items()}
         return processed
 
@@ -183,7 +188,7 @@ class BuildingMaps:
     def remove_by_provenance(self, removal: Removal) -> None:
         """Takes what a source alone has contributed out of the maps, as far as they know whose it is."""
         with self.lock:
-            self.joint.remove(removal.source, removal.since_ns, removal.until_ns)
+            self.joint = without(self.joint, Contribution(removal.source, removal.since_ns, removal.until_ns))
             self.processed.drop(removal.source)
             self.removals, self.epoch = removal.id, _new_epoch()
 

@@ -77,8 +77,10 @@ class MapLog:
                 self._waiting[perceived.key] = perceived
         if self._waiting and time.monotonic() >= self._retry_at_s and self._make_ready():
             self._log_and_integrate()
-        if self.removals.step(ready=self.state is LogState.NO_FILE or (self.state is LogState.READY and not self.problem)):
-            self._snapshots.make_due()  # the maps in the file must soon be without what was removed, too
+        ready = self.state is LogState.NO_FILE or (self.state is LogState.READY and not self.problem)
+        if way := self.removals.step(ready=ready):
+            self._events = [] if way == "replay" else self._events
+            self._snapshots.make_due()  # so that the maps needn't be computed again after a restart
         if self.state is LogState.READY:
             if self._snapshots.is_due and not self._events and not self.removals.is_running:
                 self._snapshots.write(self._maps.freeze())

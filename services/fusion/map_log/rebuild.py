@@ -78,7 +78,9 @@ class MapRebuild:
         if self.maps.number >= up_to or self.error is not None:
             return False
         try:
-            for k, _ in enumerate(replay(self._store, self._node, self.maps, self._removals, self._integrate, up_to), 1):
+            for k, _ in enumerate(
+                replay(self._store, self._node, self.maps, self._removals, self._integrate, up_to), 1
+            ):
                 self.n_views += 1
                 if k == max_views:
                     return True

@@ -36,8 +36,8 @@ class RemovalRequest:
 class Removals:
     """Carries out removals, one at a time.
 
-    Every removal is committed to the file before it begins, and names the newest view at that time. From then on it holds: after a
-    restart at any moment the maps become those that they would have become.
+    Every removal is committed to the file before it begins, and names the newest view at that time. From then on it holds:
+    after a restart at any moment the maps become those that they would have become.
 
     Attributes:
         known: the newest removals, oldest first; of this process, and of the file.
@@ -95,19 +95,21 @@ class Removals:
             request.answer.cancel()
             raise Refused("busy", "fusion is busy: try again", retry_after_ms=1000) from None
 
-    def step(self, *, ready: bool) -> bool:
-        """One turn of the main loop. Returns whether other maps have taken the place of the present ones.
+    def step(self, *, ready: bool) -> Way | None:
+        """One turn of the main loop. ``ready``: whether the file holds all that the maps hold.
 
-        ``ready``: whether the file holds all that the maps hold.
+        Returns:
+            The way in which the maps have changed; None if they haven't. ``replay``: others, whose events are in the file, have
+            taken their place.
         """
-        changed = self._finish() if self._running is not None else False
+        changed: Way | None = "replay" if self._running is not None and self._finish() else None
         while not self._requests.empty():
             request = self._requests.get()
             if not request.answer.set_running_or_notify_cancel():
                 continue
             try:
                 removal = self._begin(request, ready=ready)
-                changed |= removal.way == "provenance"
+                changed = changed or ("provenance" if removal.way == "provenance" else None)
                 request.answer.set_result(removal)
             except Refused as refused:
                 request.answer.set_exception(refused)

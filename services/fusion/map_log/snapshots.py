@@ -104,7 +104,7 @@ class SnapshotWriter:
         if self._thread is not None:
             self._thread.join()
 
-    def _write(self, state: State, wipe: bool, retention: Retention) -> None:
+    def _write(self, state: State, wipe: bool, retention: Retention = NO_RETENTION) -> None:
         try:
             self._store.save(pack(state), state["number"], _contents(state), retention)
             if wipe:

@@ -207,7 +207,7 @@ class Store:
             db.execute("DELETE FROM view WHERE number <= ?", (base,))
             for id in superfluous_snapshots(kept, base, retention):
                 for table, column in (("snapshot", "id"), ("piece", "snapshot"), ("contents", "snapshot")):
-                    db.execute(f"DELETE FROM {table} WHERE {column} = ?", (id,))  # noqa: S608 - names from above
+                    db.execute(f"DELETE FROM {table} WHERE {column} = ?", (id,))
         excess = db.execute("SELECT COUNT(*) FROM event").fetchone()[0] - self._max_events
         if excess > 0:
             db.execute(
