@@ -87,9 +87,8 @@ class MapLog:
             self._snapshots.remove_old_files()
 
     def withdraw(self, removal: Removal) -> None:
-        """Drops waiting views that a removal takes away."""
-        included = [k for k, p in self._waiting.items() if removal.includes(k[0], p.header.stamp_ns)]
-        for key in included:
+        """Drops views of a camera that wait for the file and that a removal takes away."""
+        for key in [k for k, p in self._waiting.items() if removal.includes(k[0], p.header.stamp_ns)]:
             del self._waiting[key]
 
     def _is_new(self, perceived: PerceivedView) -> bool:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import queue
 import time
-from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
 
@@ -51,8 +50,7 @@ class Removals:
         self._running: Removal | None = None
         self._began_s = 0.0
         self.known: list[Removal] = []
-        #: Called with a removal that begins, to drop views that are still under way.
-        self.on_begin: Callable[[Removal], None] = lambda removal: None
+        self._changes: list[Removal] = []
 
     @property
     def is_running(self) -> bool:
@@ -94,6 +92,11 @@ class Removals:
         except TimeoutError:
             request.answer.cancel()
             raise Refused("busy", "fusion is busy: try again", retry_after_ms=1000) from None
+
+    def pop_changes(self) -> list[Removal]:
+        """Removals that have begun or ended since the last call, oldest first. For the main loop."""
+        changes, self._changes = self._changes, []
+        return changes
 
     def step(self, *, ready: bool) -> Way | None:
         """One turn of the main loop. ``ready``: whether the file holds all that the maps hold.
@@ -138,7 +141,7 @@ class Removals:
         except StoreError as error:
             raise Refused("store_down", f"fusion's store can't be written: {error}") from error
         self._began_s = time.monotonic()
-        self.on_begin(removal)
+        self._changes.append(removal)
         self._node.log.warning("removal_begins", **_facts(removal))
         if removal.way == "provenance":
             return self._remove_by_provenance(removal)
@@ -201,6 +204,7 @@ class Removals:
     def _end(self, removal: Removal, state: RemovalState, message: str) -> Removal:
         ended = replace(removal, state=state, message=message, finished_ns=clock_ns())
         self.known = [ended if r.id == ended.id else r for r in self.known]
+        self._changes.append(ended)
         seconds = round(time.monotonic() - self._began_s, 2) if self._began_s else None
         self._node.log.warning(f"removal_{state}", **_facts(ended), seconds=seconds, message=message)
         try:
