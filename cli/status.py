@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 def status(url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
-    """Show what the running system is doing: services, robots, cameras, perception, missions."""
+    """Show what the running system is doing: services, robots, cameras, perception, missions, removals from the maps."""
     with gateway(url) as asked:
         found = everything(asked)
     print_result({name: items(rows) for name, rows in found.items()}, as_json, lambda: show_status(found, results))
@@ -36,6 +36,7 @@ def everything(asked: Client) -> dict[str, list[Any]]:
         "cameras": list(asked.cameras()),
         "perception": list(asked.perception()),
         "missions": list(asked.missions()),
+        "removals": list(asked.removals()),
     }
 
 
@@ -46,12 +47,15 @@ def show_status(found: dict[str, list[Any]], console: Console) -> None:
 
     show: dict[str, Callable[[list[Any], Console], None]] = {
         "services": _services,
-        "robots": _robots,
+        "robots": show_robots,
         "cameras": show_cameras,
         "perception": _workers,
         "missions": show_missions,
+        "removals": _removals,
     }
     for name, rows in found.items():
+        if name == "removals" and not rows:
+            continue
         console.print(f"[bold]{name}[/] ({len(rows)})")
         if rows:
             show[name](rows, console)
@@ -75,7 +79,7 @@ def service_state(service: Service) -> tuple[str, str]:
     return ("runs", "") if service.running else ("ended", "red")
 
 
-def _robots(rows: list[Any], console: Console) -> None:
+def show_robots(rows: list[Any], console: Console) -> None:
     columns = (
         Column("robot", lambda r: r.id, "id"),
         Column("floor", lambda r: r.floor, "id"),
@@ -84,10 +88,18 @@ def _robots(rows: list[Any], console: Console) -> None:
         Column("mission", lambda r: r.mission or "-", "id"),
         Column("message", lambda r: r.message, "note"),
     )
-    listing(console, columns, rows)
+    if rows:
+        listing(console, columns, rows)
     for row in rows:
         for note in row.notes:
             console.print(Padding(Text(plain(f"note: {note}")), (0, 0, 0, 2)))
+
+
+def _removals(rows: list[Any], console: Console) -> None:
+    from surveilnav.cli.removing import in_words
+
+    for removal in rows:
+        console.print(f"  {in_words(removal)}", markup=False, soft_wrap=True)
 
 
 def _workers(rows: list[Any], console: Console) -> None:

@@ -25,6 +25,7 @@ from surveilnav.services.gateway.maps import Maps
 from surveilnav.services.gateway.missions import Missions
 from surveilnav.services.gateway.objects import Objects
 from surveilnav.services.gateway.recordings import Recordings, Replays
+from surveilnav.services.gateway.removals import Removals
 from surveilnav.services.gateway.robots import PerceptionWorkers, Robots
 from surveilnav.services.gateway.rooms import Rooms
 from surveilnav.services.gateway.sightings import CameraSightings
@@ -61,7 +62,10 @@ class Gateway:
         self.recordings = Recordings(self.state)
         self.events = BuildingEvents()
         self.meter = MissionTrafficMeter(self.state)
-        self._detector = ChangeDetector(self.state, self.cameras, self.robots, self.objects, self.events, self.meter)
+        self.removals = Removals(self.state, self.maps, self.objects)
+        self._detector = ChangeDetector(
+            self.state, self.cameras, self.robots, self.objects, self.removals, self.events, self.meter
+        )
         self.replays = Replays(self.state, self._forget_everything)
         self.live = LiveStates(node, self._live_resources())
         self.tiles = CameraTiles(node, self.cameras)
@@ -87,6 +91,7 @@ class Gateway:
             "cost": self.meter.all,
             "object": lambda: dict(ChainMap(*self._detector.brief_objects.values())),
             "traffic": lambda: self.traffic().by_source(),
+            "removal": lambda: {r.id: r for r in self.removals.all()},
             "replay": lambda: {"": found} if (found := self.replays.current()) else {},
         }
 
