@@ -29,6 +29,7 @@ class Removals:
         self._state, self._node = state, state.node
         self._maps, self._objects = maps, objects
         self._ended: set[tuple[str, str]] = set()
+        self._begun: MapRemoval | None = None  # the newest, which fusion may not have published yet
 
     def all(self) -> list[Removal]:
         """The newest removals, the newest first."""
@@ -37,6 +38,9 @@ class Removals:
     def messages(self) -> list[MapRemoval]:
         """As fusion tells them, the newest first."""
         found = [removal for row in self._state.removals.rows() for removal in row.message.removals]
+        begun = self._begun
+        if begun is not None and all(removal.stamp_ns < begun.stamp_ns for removal in found):
+            found.append(begun)
         return sorted(found, key=lambda removal: -removal.id)
 
     def one(self, id: str) -> Removal:
@@ -58,6 +62,7 @@ class Removals:
         if not fusions:
             raise absent("fusion")
         row = request(self._node, "fusion", contract.REMOVE_FROM_MAPS, message, fusion=fusions[0])
+        self._begun = row.message
         return removal_from_message(row.message)
 
     def forget_outdated(self) -> None:
