@@ -13,12 +13,13 @@ from surveilnav.services.fusion.core.objects.map_object import ObjectChange
 from surveilnav.services.fusion.core.removal import Contribution, without
 from surveilnav.services.fusion.core.snapshot import freeze, thaw
 from surveilnav.services.fusion.core.views.validation import ViewError
-from surveilnav.services.fusion.map_log.removal import ANY_SOURCE, Removal
+from surveilnav.services.fusion.map_log.removal import Removal
 from surveilnav.services.fusion.perceived import PerceivedView, ViewKey
 
 #: A copy of the maps and of what they have processed, as plain values (``BuildingMaps.freeze``).
 State = dict[str, Any]
 
+_ANY_TIME = -(2**62), 2**62
 #: Names of faults after which it isn't known on which floor a view was taken.
 _PLACE_UNKNOWN = {"bad_pose", "pose_jump", "time_backwards", "out_of_map"}
 
@@ -129,10 +130,11 @@ class ProcessedViews:
         processed.views = {name: set(views) for name, views in state["views"].items()}
         processed.digests = {(source, view): digest for source, view, digest in state["digests"]}
         processed.faults = {(source, view): why for source, view, why in state["faults"]}
-        spans = state.get(
-            "spans", {ANY_SOURCE: (0, 0)}
-        )  # a snapshot of an earlier program doesn't say whose views it holds
-        processed.spans = {source: (first_ns, last_ns) for source, (first_ns, last_ns) in spans.items()}
+        if "spans" in state:
+            processed.spans = {source: (first_ns, last_ns) for source, (first_ns, last_ns) in state["spans"].items()}
+        else:  # an earlier program's snapshot says whose views it has, but not when they were taken
+            sources = [*(f"robot/{name}" for name in processed.robots), *(f"camera/{name}" for name in processed.views)]
+            processed.spans = dict.fromkeys(sources, _ANY_TIME)
         return processed
 
 

@@ -114,7 +114,8 @@ def test_a_mission_is_paused_goes_on_and_is_cancelled(open_page):
 def test_a_camera_is_taken_out_of_the_maps(open_page, home):
     page = open_page()
     removals = f"http://127.0.0.1:{home.gateway_port}/api/v1/removals"
-    camera = page.locator(".tile[data-state=live]").first.get_attribute("data-camera")
+    cameras = f"http://127.0.0.1:{home.gateway_port}/api/v1/cameras"
+    camera = until(lambda: next((c["id"] for c in httpx.get(cameras).json()["items"] if c["views_processed"]), None))
     page.get_by_role("button", name=f"Take camera {camera} out of the maps").click()
     dialog = page.get_by_role("dialog", name="Take out of the maps")
     assert dialog.locator("select").input_value() == f"camera/{camera}"

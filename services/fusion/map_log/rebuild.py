@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Sequence
 
 from surveilnav.bus import Node
@@ -15,6 +16,8 @@ from surveilnav.services.fusion.perceived import PerceivedView
 _POLL_S = 0.02  # between two looks for new views
 #: So few views the main loop integrates itself, so that the new maps aren't always a view behind.
 _MAX_LAST_VIEWS = 4
+#: ... and one more each time that so long has passed, so that it ends even where views come as fast as they are integrated.
+_PATIENCE_S = 5.0
 
 
 class MapRebuild:
@@ -32,7 +35,7 @@ class MapRebuild:
         """``present``: the maps that are in use. ``removals``: all of the file, oldest first."""
         self._store, self._node, self._present, self._removals = store, node, present, list(removals)
         self._lock = threading.Lock()  # held while views are integrated
-        self._stopping = threading.Event()
+        self._stopping, self._began_s = threading.Event(), time.monotonic()
         self.maps = BuildingMaps(present.joint.config)
         self.events: list[StoredEvent] = []
         self.begin_number: int | None = None
@@ -47,7 +50,8 @@ class MapRebuild:
         If only a few views are missing, they are integrated before it returns.
         """
         behind = self._present.number - self.maps.number
-        if self.error is not None or self.begin_number is None or behind > _MAX_LAST_VIEWS:
+        max_behind = _MAX_LAST_VIEWS + (time.monotonic() - self._began_s) / _PATIENCE_S
+        if self.error is not None or self.begin_number is None or behind > max_behind:
             return False
         with self._lock:
             self._catch_up()
@@ -74,9 +78,9 @@ class MapRebuild:
 
     def _catch_up(self, max_views: int | None = None) -> bool:
         """Integrates views, at most ``max_views``; returns whether there may be more. The caller holds the lock."""
-        up_to = self._present.number
-        if self.maps.number >= up_to or self.error is not None:
+        if self.error is not None:
             return False
+        up_to = self._present.number
         try:
             for k, _ in enumerate(
                 replay(self._store, self._node, self.maps, self._removals, self._integrate, up_to), 1

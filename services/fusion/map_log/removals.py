@@ -11,7 +11,7 @@ from surveilnav.bus import Node, Refused, clock_ns
 from surveilnav.services.fusion.building_maps import BuildingMaps
 from surveilnav.services.fusion.map_log.rebuild import MapRebuild
 from surveilnav.services.fusion.map_log.recovery import has_clean_base
-from surveilnav.services.fusion.map_log.removal import ANY_SOURCE, Removal, RemovalState, Way
+from surveilnav.services.fusion.map_log.removal import Removal, RemovalState, Way
 from surveilnav.services.fusion.map_log.store import Store, StoreError
 
 _MAX_KNOWN = 100  # removals that are told of
@@ -125,7 +125,7 @@ class Removals:
 
     def _begin(self, request: RemovalRequest, *, ready: bool) -> Removal:
         spans = self._maps.processed.spans
-        if request.source not in spans and ANY_SOURCE not in spans:
+        if request.source not in spans:
             known = ", ".join(sorted(spans)) or "none yet"
             raise Refused("unknown_source", f"the maps hold no views of {request.source}; they hold some of {known}")
         if self._running is not None:
