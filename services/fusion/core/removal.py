@@ -103,6 +103,8 @@ def _remove_from_geometry(state: dict[str, Any], removed: Contribution, config: 
     state["layers"]["voxels_present"] = np.where(touched, present, state["layers"]["voxels_present"]).astype(np.int32)
     now_carved = _count(shape, rows, cols, inside & ~gone & blocks & carved)
     state["layers"]["voxels_carved"] = np.where(touched, now_carved, state["layers"]["voxels_carved"]).astype(np.int32)
+    if gone.all():  # nobody else has measured anything on this floor
+        touched[:] = True
     for name, counts in state["counts"]["measured"].items():
         counts[touched & ~left] = 0
         if name.startswith("obstacle"):
