@@ -19,6 +19,7 @@ from surveilnav.services.gateway.objects import Objects
 from surveilnav.services.gateway.responses import Id, Limit, Offset, page_of
 from surveilnav.services.gateway.state import BuildingState
 
+_MAX_STAMP_NS = 2**62
 _EPOCH = datetime.fromtimestamp(0, UTC)
 
 
@@ -97,11 +98,12 @@ def removal_from_message(message: MapRemoval) -> Removal:
 
 
 def _stamp_ns(time: datetime | None) -> int | None:
-    """Nanoseconds since the epoch, to the microsecond."""
+    """Nanoseconds since the epoch, to the microsecond; at most what stamps can be."""
     if time is None:
         return None
     age = time - _EPOCH
-    return ((age.days * 86_400 + age.seconds) * 1_000_000 + age.microseconds) * 1000
+    stamp_ns = ((age.days * 86_400 + age.seconds) * 1_000_000 + age.microseconds) * 1000
+    return max(-_MAX_STAMP_NS, min(stamp_ns, _MAX_STAMP_NS))
 
 
 def router(removals: Removals) -> APIRouter:

@@ -14,6 +14,7 @@ from surveilnav.services.fusion.map_log.removals import Removals
 _SOURCE = re.compile(f"(camera|robot)/{ID}")
 _PERIOD_S = 0.5  # between two messages while nothing but the progress changes
 _MAX_TOLD = 20
+_MAX_STAMP_NS = 2**62
 
 
 class RemovalAnswers:
@@ -32,6 +33,8 @@ class RemovalAnswers:
         wanted: RemoveFromMaps = request.message
         if _SOURCE.fullmatch(wanted.source) is None:
             raise Refused("bad_source", f"expected camera/ID or robot/ID, got {wanted.source!r:.80}")
+        if any(abs(stamp_ns or 0) > _MAX_STAMP_NS for stamp_ns in (wanted.since_ns, wanted.until_ns)):
+            raise Refused("bad_span", "expected stamps of at most 2^62 ns")
         if wanted.since_ns is not None and wanted.until_ns is not None and wanted.since_ns > wanted.until_ns:
             raise Refused("bad_span", "the end of the time span lies before its beginning")
         removal = self._removals.ask(wanted.source, wanted.since_ns, wanted.until_ns)

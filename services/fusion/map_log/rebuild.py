@@ -28,6 +28,7 @@ class MapRebuild:
         events: what happened to objects in them, since ``begin_number``.
         begin_number: log number of the snapshot that they began with.
         n_views: number of views that were processed so far.
+        by_provenance: whether no snapshot without the source could be read, so that it was removed by provenance.
         error: why they can't be computed; None if they can.
     """
 
@@ -39,7 +40,7 @@ class MapRebuild:
         self.maps = BuildingMaps(present.joint.config)
         self.events: list[StoredEvent] = []
         self.begin_number: int | None = None
-        self.n_views = 0
+        self.n_views, self.by_provenance = 0, False
         self.error: Exception | None = None
         self._thread = threading.Thread(target=self._run, name="rebuild maps", daemon=True)
         self._thread.start()
@@ -65,7 +66,8 @@ class MapRebuild:
     def _run(self) -> None:
         try:
             with self._lock:
-                self._removals = restore_snapshot(self._store, self._node, self.maps, self._removals)
+                possible = restore_snapshot(self._store, self._node, self.maps, self._removals)
+                self.by_provenance, self._removals = possible != self._removals, possible
                 self.begin_number = self.maps.number
         except Exception as error:
             self.error = error

@@ -103,7 +103,7 @@ def replay(
     """
     pending = [r for r in removals if r.id > maps.removals]
     for number, entry in _entries(store, node, maps.number, up_to):
-        pending = _reflect(maps, pending, number - 1)
+        pending = _reflect(node, maps, pending, number - 1)
         try:
             if entry is None:
                 raise WireError("its bytes aren't those that were written")
@@ -116,16 +116,19 @@ def replay(
             node.log.warning("log_view_lost", number=number, error=f"{type(error).__name__}: {error}")
         yield number
     maps.number = max(maps.number, up_to or 0)
-    _reflect(maps, pending, maps.number if up_to is not None else None)
+    _reflect(node, maps, pending, maps.number if up_to is not None else None)
 
 
-def _reflect(maps: BuildingMaps, pending: list[Removal], number: int | None) -> list[Removal]:
+def _reflect(node: Node, maps: BuildingMaps, pending: list[Removal], number: int | None) -> list[Removal]:
     """Carries out the removals that were asked for when ``number`` (None: whatever) was the newest view; returns the others."""
     for k, removal in enumerate(pending):
         if number is not None and removal.number > number:
             return pending[k:]
-        if removal.way == "provenance":
-            maps.remove_by_provenance(removal)
+        try:
+            if removal.way == "provenance":
+                maps.remove_by_provenance(removal)
+        except Exception as error:  # fusion must start all the same
+            node.log.warning("removal_lost", removal=removal.id, error=f"{type(error).__name__}: {error}")
         maps.removals = removal.id
     return []
 

@@ -168,7 +168,10 @@ class Removals:
         return [r for r in self._store.removals() if r.state != "failed"]
 
     def _remove_by_provenance(self, removal: Removal) -> Removal:
-        self._maps.remove_by_provenance(removal)
+        try:
+            self._maps.remove_by_provenance(removal)
+        except Exception as error:  # the maps are as they were, and fusion must go on
+            return self._end(removal, "failed", f"it can't be taken out of the maps: {type(error).__name__}: {error}")
         return self._end(removal, "done", _REMAINS.format(source=removal.source))
 
     def _finish(self) -> bool:
@@ -192,6 +195,8 @@ class Removals:
         self._maps.replace_by(rebuild.maps)
         self._rebuild = self._running = None
         message = f"the maps were computed again from {rebuild.n_views} logged views, without {removal.source}"
+        if rebuild.by_provenance:
+            removal, message = replace(removal, way="provenance"), _REMAINS.format(source=removal.source)
         self._end(removal, "done", message)
         return True
 

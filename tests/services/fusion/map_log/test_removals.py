@@ -200,6 +200,26 @@ def test_how_far_back_exactly(run, tools, log_views):
         assert dump(r.maps.joint) == kept
 
 
+def test_if_the_snapshot_without_the_source_is_damaged_it_is_out_by_provenance(run):
+    r = run(snapshot_views=2, log_views=6)
+    for view in numbered([*["robot/r"] * 8, "camera/a", "robot/r", "robot/r", "robot/r"]):
+        integrate(r, [view])
+        r.log._snapshots.wait()
+    assert r.log._store.first_number() > 1
+    with r.log._store._writing() as db:
+        clean_ones = "SELECT id FROM snapshot WHERE up_to < 9"
+        assert db.execute(f"UPDATE piece SET data = zeroblob(9) WHERE snapshot IN ({clean_ones})").rowcount > 0
+    assert ask(r, "camera/a").way == "replay"
+    ended = finish(r)
+    assert (ended.state, ended.way, "reach back" in ended.message) == ("done", "provenance", True)
+    assert not owns_anything(r, "camera/a")
+    after = dump(r.maps.joint)
+    r.close()
+    r.start()
+    assert dump(r.maps.joint) == after
+    assert r.log.removals.known[-1].way == "provenance"
+
+
 def owns_anything(run: Run, source: str) -> bool:
     """Whether any voxel or object is of a source."""
     joint = run.maps.joint
@@ -233,7 +253,7 @@ def broken(*_: object) -> None:
     raise StoreError("corrupt", "made to fail")
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(
     order=ORDERS,
     at=st.integers(0, 14),
