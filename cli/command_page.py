@@ -35,7 +35,7 @@ SHAPES: dict[str, str] = {
     "cameras check": "`cameras` (views by name), `problems`",
     "cameras calibrate": "`camera`, `position_m`, `yaw_deg`, `pitch_deg`, `roll_deg`, `hfov_deg`, "
     "`position_sigma_m`, `angle_sigma_deg`, `points`, `written`",
-    "replay": "with `--check`: `recorded`, `replayed`, `views`, `began_with`, `ended`, `same`",
+    "replay": "with `--check`: `recorded`, `replayed`, `views`, `began_with`, `ended`, `missing`, `same`",
     "status": "`services`, `robots`, `cameras`, `perception`, `missions`, `removals`: items each",
     "watch": "one object for each line: `id`, `event`, `data` (`Event`)",
     "objects": "items: `Object`",
