@@ -785,6 +785,23 @@ def test_a_camera_that_is_taken_out_and_still_looks_is_asked_for_its_views_again
     until(lambda: scene.revision().cameras[0].views_processed == 2)
 
 
+def test_the_mission_of_a_robot_that_is_taken_out_goes_on(scene, tmp_path):
+    """Its observations count as processed, though the maps don't hold them any more; what it sees next enters them."""
+    undisturbed = Undisturbed(scene)
+    undisturbed.camera.paused = True
+    scene.start(store=str(tmp_path / "fusion.sqlite"))
+    for k in range(3):
+        undisturbed.robot_looks(0.3 * k)
+    remove(scene, "robot/r")
+    until(lambda: newest_removal(scene).state == "done")
+    scene.robot.repeat()
+    until(lambda: (r := ask_revision(scene)) and (r.revision, r.robots) == (0, {"r": 3}))
+    assert not scene.layer("explored")[1].any(), "empty maps of its floor"
+    undisturbed.joint = JointMap()
+    undisturbed.robot_looks(1.0)
+    assert all_answers(scene) == answers_of(undisturbed.joint)
+
+
 def test_without_a_file_the_source_is_taken_out_by_provenance(scene):
     undisturbed = Undisturbed(scene)
     scene.start()
@@ -812,7 +829,7 @@ def test_killed_while_a_camera_is_taken_out_it_is_out_afterwards(scene, process)
     rng = random.Random(3)
     undisturbed = Undisturbed(scene)
     fusion = process(snapshot_views=5)
-    scene.client.alive("fusion")
+    until(lambda: "fusion" in scene.client.alive("fusion"), timeout_s=60)
     undisturbed.robot_looks(0.0)
     undisturbed.camera_looks()
     for k in range(1, 22):
