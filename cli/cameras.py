@@ -1,7 +1,8 @@
-"""``surveilnav cameras``: which there are, pausing or forgetting one, deleting past pictures, and the file of real cameras."""
+"""``surveilnav cameras``: which there are, pausing or removing one, deleting past pictures, and the file of real cameras."""
 
 from __future__ import annotations
 
+from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -22,11 +23,13 @@ from surveilnav.cli.options import (
     print_result,
     results,
 )
+from surveilnav.cli.removing import FromMaps, Since, Until, check_span, remove_from_maps
 from surveilnav.cli.words import clock
 
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from surveilnav.client import Client
     from surveilnav.rest import Camera
 
 app = typer.Typer(
@@ -67,13 +70,34 @@ def resume(id: Id, url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
 
 
 @app.command()
-def forget(id: Id, url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
-    """Remove a camera whose process has ended from the list."""
+def remove(
+    id: Id,
+    from_maps: FromMaps = False,
+    since: Since = None,
+    until: Until = None,
+    url: Url = DEFAULT_URL,
+    as_json: AsJson = False,
+) -> None:
+    """Remove a camera whose process has ended from the list; or, --from-maps, what any camera has contributed to the maps."""
+    check_span(from_maps, since, until)
     with gateway(url) as asked:
+        if from_maps:
+            _remove_from_maps(asked, id, since, until, as_json)
+            return
         id = known(asked, "camera", id)
         asked.remove_camera(id)
-    told = f"{id}: forgotten, until it announces itself again"
-    print_result({"id": id, "forgotten": True}, as_json, lambda: results.print(told, markup=False))
+    told = f"{id}: removed from the list, until it announces itself again; the maps keep what it saw (--from-maps)"
+    print_result({"id": id, "removed": True}, as_json, lambda: results.print(told, markup=False, soft_wrap=True))
+
+
+def _remove_from_maps(asked: Client, id: str, since: datetime | None, until: datetime | None, as_json: bool) -> None:
+    cameras = {camera.id: camera for camera in asked.cameras()}
+    if any(there.startswith(id) for there in cameras):  # a camera that isn't listed any more may still be in the maps
+        id = known(asked, "camera", id)
+    if id in cameras and not cameras[id].stale and not cameras[id].paused:
+        told = f"{id} goes on looking, and what it sees from now on enters the maps: if it is wrong, `cameras pause {id}` first"
+        console.print(told, markup=False, soft_wrap=True)
+    remove_from_maps(asked, f"camera/{id}", since, until, as_json)
 
 
 @app.command()

@@ -30,7 +30,7 @@ SHAPES: dict[str, str] = {
     "cameras": "items: `Camera`",
     "cameras pause": "`Camera`",
     "cameras resume": "`Camera`",
-    "cameras forget": "`id`, `forgotten`",
+    "cameras remove": "`id`, `removed`; with `--from-maps` `Removal`, when it has ended",
     "cameras delete-pictures": "items: `PictureKeeper`",
     "cameras check": "`cameras` (views by name), `problems`",
     "cameras calibrate": "`camera`, `position_m`, `yaw_deg`, `pitch_deg`, `roll_deg`, `hfov_deg`, "
@@ -38,12 +38,15 @@ SHAPES: dict[str, str] = {
     "cameras calibrate-tag": "`cameras` (by name: `position_m`, `yaw_deg`, `pitch_deg`, `roll_deg`, `position_sigma_m`, "
     "`angle_sigma_deg`, `stops`, `residual_px`), `refused`, `left_out`, `tag_on_robot_m`, `written`",
     "cameras draw-tag": "`file`",
-    "replay": "with `--check`: `recorded`, `replayed`, `views`, `began_with`, `ended`, `same`",
-    "status": "`services`, `robots`, `cameras`, `perception`, `missions`: items each; `wrong_clocks` if there are any",
+    "replay": "with `--check`: `recorded`, `replayed`, `views`, `began_with`, `ended`, `missing`, `same`",
+    "status": "`services`, `robots`, `cameras`, `perception`, `missions`, `removals`: items each; "
+    "`wrong_clocks` if there are any",
     "watch": "one object for each line: `id`, `event`, `data` (`Event`)",
     "objects": "items: `Object`",
     "map": "`Layer`",
     "traffic": "`Traffic`; with `--mission` `MissionTraffic`",
+    "robots": "items: `Robot`",
+    "robots remove": "`Removal`, when it has ended",
     "stop": "items: `RobotHalt`",
     "release": "items: `RobotHalt`",
     "models list": "items: models",

@@ -20,7 +20,7 @@ def known(asked: Client, what: str, typed: str) -> str:
     """The id that was meant: as typed, or the only one that begins so.
 
     Args:
-        what: "mission" or "camera", whose list is the command's plural.
+        what: "mission", "camera" or "robot", whose list is the command's plural.
 
     Raises:
         GatewayError: none is or begins so, or several do.
@@ -54,6 +54,11 @@ def mission_ids(ctx: typer.Context, incomplete: str) -> list[str]:
 def camera_ids(ctx: typer.Context, incomplete: str) -> list[str]:
     """Cameras that begin so."""
     return _offered(ctx, "cameras", incomplete)
+
+
+def robot_ids(ctx: typer.Context, incomplete: str) -> list[str]:
+    """Robots that begin so."""
+    return _offered(ctx, "robots", incomplete)
 
 
 def _offered(ctx: typer.Context, what: str, incomplete: str) -> list[str]:

@@ -61,6 +61,7 @@ for _command in (start.demo, start.up, start.prepare, survey.buildings, survey.h
 app.command(rich_help_panel=_RUNNING)(missions.find)
 app.add_typer(missions.app, name="missions", rich_help_panel=_RUNNING)
 app.add_typer(cameras.app, name="cameras", rich_help_panel=_RUNNING)
+app.add_typer(robots.app, name="robots", rich_help_panel=_RUNNING)
 for _command in (
     where.where,
     status.status,

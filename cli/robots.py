@@ -1,4 +1,4 @@
-"""``surveilnav stop`` and ``surveilnav release``: the emergency stop of all robots."""
+"""``surveilnav robots``, and ``surveilnav stop`` and ``release``: the emergency stop of all robots."""
 
 from __future__ import annotations
 
@@ -6,10 +6,62 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from surveilnav.cli.options import DEFAULT_URL, AsJson, Url, gateway, items, print_json, results
+from surveilnav.cli.completing import known, robot_ids
+from surveilnav.cli.options import (
+    DEFAULT_URL,
+    AsJson,
+    Url,
+    gateway,
+    items,
+    only_before_nothing,
+    print_json,
+    print_result,
+    results,
+)
+from surveilnav.cli.removing import FromMaps, Since, Until, remove_from_maps
 
 if TYPE_CHECKING:
     from surveilnav.rest import RobotHalt
+
+app = typer.Typer(invoke_without_command=True, help="List robots; take what one has contributed out of the maps.")
+
+Id = Annotated[
+    str,
+    typer.Argument(metavar="ID", autocompletion=robot_ids, help="A robot's id, or its beginning if that is unique."),
+]
+
+
+@app.callback()
+def list_all(ctx: typer.Context, url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
+    """List robots: where they are and what they do; or take what one has contributed out of the maps."""
+    from surveilnav.cli.status import show_robots
+
+    only_before_nothing(ctx)
+    if ctx.invoked_subcommand:
+        return
+    with gateway(url) as asked:
+        found = asked.robots()
+    print_result(items(found), as_json, lambda: show_robots(found, results))
+
+
+@app.command()
+def remove(
+    id: Id,
+    from_maps: FromMaps = False,
+    since: Since = None,
+    until: Until = None,
+    url: Url = DEFAULT_URL,
+    as_json: AsJson = False,
+) -> None:
+    """Take what a robot has contributed out of the maps, which --from-maps confirms. The robot goes on."""
+    if not from_maps:
+        raise typer.BadParameter(
+            "a robot that left is shown as silent; to take what it saw out of the maps, add --from-maps"
+        )
+    with gateway(url) as asked:
+        if any(robot.id.startswith(id) for robot in asked.robots()):
+            id = known(asked, "robot", id)
+        remove_from_maps(asked, f"robot/{id}", since, until, as_json)
 
 
 def stop(

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 def status(url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
-    """Show what the running system is doing: services, robots, cameras, perception, missions."""
+    """Show what the running system is doing: services, robots, cameras, perception, missions, removals from the maps."""
     with gateway(url) as asked:
         found = everything(asked)
     print_result({name: items(rows) for name, rows in found.items()}, as_json, lambda: show_status(found, results))
@@ -37,6 +37,7 @@ def everything(asked: Client) -> dict[str, list[Any]]:
         "cameras": list(asked.cameras()),
         "perception": list(asked.perception()),
         "missions": list(asked.missions()),
+        "removals": list(asked.removals()),
     }
     nodes = asked.traffic().nodes
     wrong = [n for n in nodes if not n.stale and abs(n.clock_offset_s or 0.0) > MAX_CLOCK_OFFSET_S]
@@ -52,13 +53,16 @@ def show_status(found: dict[str, list[Any]], console: Console) -> None:
 
     show: dict[str, Callable[[list[Any], Console], None]] = {
         "services": _services,
-        "robots": _robots,
+        "robots": show_robots,
         "cameras": show_cameras,
         "perception": _workers,
         "missions": show_missions,
         "wrong_clocks": _clocks,
+        "removals": _removals,
     }
     for name, rows in found.items():
+        if name == "removals" and not rows:
+            continue
         console.print(f"[bold]{name.replace('_', ' ')}[/] ({len(rows)})")
         if rows:
             show[name](rows, console)
@@ -90,7 +94,7 @@ def _clocks(rows: list[Any], console: Console) -> None:
     listing(console, columns, rows)
 
 
-def _robots(rows: list[Any], console: Console) -> None:
+def show_robots(rows: list[Any], console: Console) -> None:
     columns = (
         Column("robot", lambda r: r.id, "id"),
         Column("floor", lambda r: r.floor, "id"),
@@ -99,10 +103,18 @@ def _robots(rows: list[Any], console: Console) -> None:
         Column("mission", lambda r: r.mission or "-", "id"),
         Column("message", lambda r: r.message, "note"),
     )
-    listing(console, columns, rows)
+    if rows:
+        listing(console, columns, rows)
     for row in rows:
         for note in row.notes:
             console.print(Padding(Text(plain(f"note: {note}")), (0, 0, 0, 2)))
+
+
+def _removals(rows: list[Any], console: Console) -> None:
+    from surveilnav.cli.removing import in_words
+
+    for removal in rows:
+        console.print(f"  {in_words(removal)}", markup=False, soft_wrap=True)
 
 
 def _workers(rows: list[Any], console: Console) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +20,16 @@ from surveilnav.services.fusion.core.views.validation import ViewError
 from surveilnav.services.fusion.map_log.recovery import perceived_from_entry
 from surveilnav.services.fusion.map_log.store import Entry
 from surveilnav.services.recorder.reading import RecordingError
-from surveilnav.services.recorder.recorded import RecordedEnd, RecordedMaps, RecordedMessage, read_recording
+from surveilnav.services.recorder.recorded import (
+    RecordedDamage,
+    RecordedEnd,
+    RecordedMaps,
+    RecordedMessage,
+    read_recording,
+)
 
 _MOST_MAPS_BYTES = 2 << 30
+_MAX_SPANS = 5  # that are named of what is missing
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +42,7 @@ class Outcome:
         views: how many of the recorded views were integrated into the maps for this.
         began_with: how many views were in the maps with which the recording begins (its snapshot).
         ended: whether the recording is complete; False: it was cut off before its end.
+        missing: what of the file is damaged, in words; "" if nothing is.
     """
 
     recorded: str
@@ -41,6 +50,7 @@ class Outcome:
     views: int
     began_with: int
     ended: bool
+    missing: str = ""
 
     @property
     def same(self) -> bool:
@@ -56,7 +66,8 @@ class Outcome:
         verdict = "the same maps, bit for bit" if self.same else "NOT the same maps"
         if not self.recorded:
             verdict = "nothing to compare with"
-        return f"recorded: {recorded}\nreplayed: {self.replayed}\n{verdict}: {self.views} views after maps of {self.began_with}"
+        found = f"recorded: {recorded}\nreplayed: {self.replayed}\n{verdict}: {self.views} views after maps of {self.began_with}"
+        return f"{found}\n{self.missing}" if self.missing else found
 
     def as_dict(self) -> dict[str, Any]:
         return {**asdict(self), "same": self.same}
@@ -82,7 +93,23 @@ def check(path: Path) -> Outcome:
                 recorded, ended = found.facts.get("digest", ""), True
     if joint is None:
         raise RecordingError(f"{path} holds no maps: fusion kept no log (SURVEILNAV_FUSION__STORE), or wasn't there")
-    return Outcome(recorded, digest(freeze(joint)), views, began_with, ended)
+    return Outcome(recorded, digest(freeze(joint)), views, began_with, ended, missing_in_words(path))
+
+
+def missing_in_words(path: Path) -> str:
+    """Which parts of a recording can't be read because the file is damaged; "" if all can. Raises RecordingError."""
+    damages = [found for found in read_recording(path) if isinstance(found, RecordedDamage)]
+    if not damages:
+        return ""
+    spans = [
+        f"{datetime.fromtimestamp(d.start_ns / 1e9):%H:%M:%S} to {datetime.fromtimestamp(d.end_ns / 1e9):%H:%M:%S}"
+        for d in damages
+        if d.start_ns
+    ]
+    shown = ", ".join(spans[:_MAX_SPANS]) + (f" and {len(spans) - _MAX_SPANS} more" if len(spans) > _MAX_SPANS else "")
+    parts = "1 part" if len(damages) == 1 else f"{len(damages)} parts"
+    told = f"{parts} of the file, {sum(d.n_bytes for d in damages) / 1e6:.1f} MB, can't be read; all else is whole"
+    return f"damaged: {told}" + (f"; missing are messages of {shown}" if spans else "")
 
 
 def maps_of(maps: RecordedMaps) -> JointMap:

@@ -14,6 +14,7 @@ from rich.console import Console
 
 from surveilnav.bus import Node, Publisher
 from surveilnav.bus.router import free_port
+from surveilnav.cli.replay.check import missing_in_words
 from surveilnav.cli.replay.clock import ReplayClock
 from surveilnav.cli.replay.control import ReplayControls
 from surveilnav.cli.replay.latest_messages import LatestMessages
@@ -25,6 +26,7 @@ from surveilnav.messages import LoggedView
 from surveilnav.services.recorder.core.pictures import decode_header
 from surveilnav.services.recorder.reading import RecordingError
 from surveilnav.services.recorder.recorded import (
+    RecordedDamage,
     RecordedItem,
     RecordedMaps,
     RecordedMessage,
@@ -107,6 +109,8 @@ def run_replay(console: Console, path: Path, *, speed: float, port: int) -> None
     """
     facts = _facts(path)
     first_ns, last_ns = _span_ns(path)
+    if missing := missing_in_words(path):
+        console.print(missing, markup=False, soft_wrap=True)
     stopping = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stopping.set())
@@ -201,7 +205,7 @@ def _span_ns(path: Path) -> tuple[int, int]:
 
 def _facts(path: Path) -> dict[str, str]:
     """What the recording is of. RecordingError: it doesn't say."""
-    first = next(read_recording(path))
+    first = next((found for found in read_recording(path) if not isinstance(found, RecordedDamage)), None)
     if not isinstance(first, RecordedStart) or not {"building", "mission"} <= set(first.facts):
         raise RecordingError(f"{path} doesn't begin with the facts of a mission")
     if not re.fullmatch(ID_PATTERN, first.facts["building"]):

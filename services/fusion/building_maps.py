@@ -7,15 +7,19 @@ import threading
 from dataclasses import dataclass
 from typing import Any
 
+from surveilnav.messages import FrameHeader
 from surveilnav.services.fusion.core import FusionConfig, JointMap
 from surveilnav.services.fusion.core.objects.map_object import ObjectChange
+from surveilnav.services.fusion.core.removal import Contribution, without
 from surveilnav.services.fusion.core.snapshot import freeze, thaw
 from surveilnav.services.fusion.core.views.validation import ViewError
+from surveilnav.services.fusion.map_log.removal import Removal
 from surveilnav.services.fusion.perceived import PerceivedView, ViewKey
 
 #: A copy of the maps and of what they have processed, as plain values (``BuildingMaps.freeze``).
 State = dict[str, Any]
 
+_ANY_TIME = -(2**62), 2**62
 #: Names of faults after which it isn't known on which floor a view was taken.
 _PLACE_UNKNOWN = {"bad_pose", "pose_jump", "time_backwards", "out_of_map"}
 
@@ -56,6 +60,7 @@ class ProcessedViews:
         views: indices of each camera's views of which at least one picture was processed, so that nobody waits for them.
         digests: hash of the picture that was last integrated, for each view of a camera.
         faults: for views whose newest picture was refused, why it was.
+        spans: of each source, the stamps [ns] of the first and the last view that the maps processed.
     """
 
     def __init__(self) -> None:
@@ -63,6 +68,7 @@ class ProcessedViews:
         self.views: dict[str, set[int]] = {}
         self.digests: dict[ViewKey, bytes] = {}
         self.faults: dict[ViewKey, str] = {}
+        self.spans: dict[str, tuple[int, int]] = {}
 
     def contains(self, key: ViewKey, digest: bytes) -> bool:
         """Whether the maps hold exactly this picture of a camera. Safe from any thread."""
@@ -79,10 +85,10 @@ class ProcessedViews:
     def record(self, perceived: PerceivedView, outcome: Outcome) -> None:
         kind, _, name = perceived.key[0].partition("/")
         header = perceived.header
+        first_ns, last_ns = self.spans.get(perceived.key[0], (header.stamp_ns, header.stamp_ns))
+        self.spans[perceived.key[0]] = min(first_ns, header.stamp_ns), max(last_ns, header.stamp_ns)
         if kind == "robot":
-            last = self.robots.get(name)
-            floor = outcome.floor or (last.floor if last else header.floor)
-            self.robots[name] = LastObservation(floor, header.seq, header.stamp_ns)
+            self.acknowledge(header, outcome.floor)
         else:
             self.views.setdefault(name, set()).add(perceived.key[1])
             if outcome.integrated and perceived.digest:
@@ -91,6 +97,22 @@ class ProcessedViews:
         if outcome.fault:
             self.faults[perceived.key] = _fault_message(perceived, outcome.fault)
 
+    def acknowledge(self, header: FrameHeader, floor: str = "") -> None:
+        """Records a robot's observation as processed, so that nobody waits for it. ``floor``: where it was made; "": unknown."""
+        name = header.source.partition("/")[2]
+        last = self.robots.get(name)
+        self.robots[name] = LastObservation(
+            floor or (last.floor if last else header.floor), header.seq, header.stamp_ns
+        )
+
+    def drop(self, source: str) -> None:
+        """Forgets a camera's views, so that it is looked through anew, and a source's faults. Spans stay."""
+        kind, _, name = source.partition("/")
+        if kind == "camera":
+            self.views.pop(name, None)
+        self.digests = {key: digest for key, digest in self.digests.items() if key[0] != source}
+        self.faults = {key: why for key, why in self.faults.items() if key[0] != source}
+
     def state(self) -> State:
         """Everything as plain values, for ``from_state``."""
         return {
@@ -98,6 +120,7 @@ class ProcessedViews:
             "views": {name: sorted(views) for name, views in self.views.items()},
             "digests": [[*key, digest] for key, digest in self.digests.items()],
             "faults": [[*key, why] for key, why in self.faults.items()],
+            "spans": {source: list(span) for source, span in self.spans.items()},
         }
 
     @classmethod
@@ -107,6 +130,11 @@ class ProcessedViews:
         processed.views = {name: set(views) for name, views in state["views"].items()}
         processed.digests = {(source, view): digest for source, view, digest in state["digests"]}
         processed.faults = {(source, view): why for source, view, why in state["faults"]}
+        if "spans" in state:
+            processed.spans = {source: (first_ns, last_ns) for source, (first_ns, last_ns) in state["spans"].items()}
+        else:  # an earlier program's snapshot says whose views it has, but not when they were taken
+            sources = [*(f"robot/{name}" for name in processed.robots), *(f"camera/{name}" for name in processed.views)]
+            processed.spans = dict.fromkeys(sources, _ANY_TIME)
         return processed
 
 
@@ -118,12 +146,13 @@ class BuildingMaps:
         processed: which views they have processed.
         number: the log number of the view that was processed last; 0 without a log.
         epoch: changes when revisions start anew, as after a restart. Revisions of different epochs can't be compared.
+        removals: id of the newest removal (``map_log.removal``) that the maps reflect, as they do all before; 0: none.
     """
 
     def __init__(self, config: FusionConfig) -> None:
         self.joint = JointMap(config)
         self.processed = ProcessedViews()
-        self.number = 0
+        self.number = self.removals = 0
         self.epoch = _new_epoch()
         self.lock = threading.Lock()
 
@@ -151,10 +180,35 @@ class BuildingMaps:
             return Outcome(n_missed=n_missed)
         return Outcome(result.floor, True, "", result.changes, n_missed)
 
+    def skip(self, header: FrameHeader, number: int) -> None:
+        """Passes over a view that was removed. That a robot's observation was processed is still true."""
+        with self.lock:
+            self.number = number
+            if header.source.startswith("robot/"):
+                self.processed.acknowledge(header)
+
+    def remove_by_provenance(self, removal: Removal) -> None:
+        """Takes what a source alone has contributed out of the maps, as far as they know whose it is."""
+        with self.lock:
+            self.joint = without(self.joint, Contribution(removal.source, removal.since_ns, removal.until_ns))
+            self.processed.drop(removal.source)
+            self.removals, self.epoch = removal.id, _new_epoch()
+
+    def replace_by(self, other: BuildingMaps) -> None:
+        """Takes over the maps of another instance, which nobody uses any more, under a new epoch."""
+        with self.lock:
+            self.joint, self.processed = other.joint, other.processed
+            self.number, self.removals, self.epoch = other.number, other.removals, _new_epoch()
+
     def freeze(self) -> State:
         """A copy of everything, which stays as it is when the maps change. Safe from any thread."""
         with self.lock:
-            return {"number": self.number, "maps": freeze(self.joint), "processed": self.processed.state()}
+            return {
+                "number": self.number,
+                "removals": self.removals,
+                "maps": freeze(self.joint),
+                "processed": self.processed.state(),
+            }
 
     def restore(self, state: State) -> None:
         """Replaces everything by a copy that ``freeze`` made. SnapshotError: it can't be restored."""
@@ -162,7 +216,7 @@ class BuildingMaps:
         processed = ProcessedViews.from_state(state["processed"])
         with self.lock:
             self.joint, self.processed, self.number = joint, processed, state["number"]
-            self.epoch = _new_epoch()
+            self.removals, self.epoch = state.get("removals", 0), _new_epoch()
 
 
 def _new_epoch() -> str:

@@ -36,6 +36,13 @@ class FusionSettings(BaseSettings):
         default=100, ge=1, description="a snapshot of the maps is written after this many logged views"
     )
     snapshot_mb: int = Field(default=256, ge=1, description="... or this many megabytes of them")
+    log_views: int = Field(
+        default=1000,
+        ge=0,
+        description="so many of the newest views the log keeps, so that what a camera or a robot contributed to the maps can be "
+        "taken out again exactly; 0, or if pictures are deleted by age: only those that a restart needs",
+    )
+    log_mb: int = Field(default=512, ge=0, description="... and at most so many megabytes of them")
     max_events: int = Field(
         default=1_000_000,
         ge=1,

@@ -21,11 +21,13 @@ from surveilnav.services.fusion.answers.layers import LayerAnswers
 from surveilnav.services.fusion.answers.log import LogAnswers
 from surveilnav.services.fusion.answers.objects import ObjectAnswers
 from surveilnav.services.fusion.answers.reader import MapReader
+from surveilnav.services.fusion.answers.removals import RemovalAnswers
 from surveilnav.services.fusion.answers.revisions import Revisions
 from surveilnav.services.fusion.building_maps import BuildingMaps
 from surveilnav.services.fusion.config import FusionSettings
 from surveilnav.services.fusion.intake.intake import ViewIntake
 from surveilnav.services.fusion.map_log.log import MapLog
+from surveilnav.services.fusion.map_log.removal import Removal
 
 
 class FusionService:
@@ -38,6 +40,7 @@ class FusionService:
         self._log = MapLog(node, settings, self._maps, keep_pictures_s)
         self._intake = ViewIntake(node, settings, self._maps)
         self._revisions = Revisions(node, self._maps, self._intake, self._log)
+        self._removals = RemovalAnswers(node, self._log.removals)
         self._serve()
 
     def _serve(self) -> None:
@@ -63,13 +66,27 @@ class FusionService:
         # log the views that perception has finished, and integrate them; while views wait for the disk, take no more
         perceived = [] if self._log.is_blocked else self._intake.pop_perceived()
         self._log.integrate(perceived)
+        for removal in self._log.removals.pop_changes():
+            self._on_removal(removal)
         # announce what the maps now hold
         self._revisions.publish()
+        self._removals.publish()
         return bool(arrived or perceived)
 
     def close(self) -> None:
         """Waits until a snapshot that is being written is finished, and closes the log."""
         self._log.close()
+
+    def _on_removal(self, removal: Removal) -> None:
+        """Drops a camera's views that are under way when a removal begins, and has the camera looked through anew at its end.
+
+        A robot's view that is under way counts as later: its mission waits for it.
+        """
+        if removal.state == "done":
+            self._intake.request_again(removal.source)
+        elif removal.source.startswith("camera/"):
+            self._log.withdraw(removal)
+            self._intake.withdraw(removal)
 
     def _on_forget(self, request: Request) -> Answer:
         has_file = self._log.forget_pictures()

@@ -12,6 +12,7 @@ from surveilnav.services.gateway import (
     objects,
     pages,
     recordings,
+    removals,
     robots,
     sightings,
     streams,
@@ -41,6 +42,7 @@ def create_app(gateway: Gateway, allowed_hosts: frozenset[str] | None) -> FastAP
     app.include_router(robots.router(gateway.robots, gateway.workers))
     app.include_router(maps.router(gateway.maps))
     app.include_router(objects.router(gateway.objects, gateway.access_log))
+    app.include_router(removals.router(gateway.removals))
     app.include_router(sightings.router(gateway.sightings))
     app.include_router(recordings.router(gateway.recordings, gateway.replays, gateway.access_log))
     app.include_router(streams.router(gateway.events, gateway.live, gateway.tiles, gateway.access_log))

@@ -10,13 +10,14 @@ from typing import Any
 from surveilnav import contract
 from surveilnav.bus import Received, clock_ns
 from surveilnav.errors import SurveilNavError
-from surveilnav.messages import MissionStatus, ObjectRecord, ServiceState
+from surveilnav.messages import MapRemoval, MissionStatus, ObjectRecord, ServiceState
 from surveilnav.rest import Event, Object
 from surveilnav.services.gateway.cameras import Cameras
 from surveilnav.services.gateway.core import changes
 from surveilnav.services.gateway.core.changes import CameraState, Change, RobotSituation, Tracked
 from surveilnav.services.gateway.core.resources import object_from_record
 from surveilnav.services.gateway.objects import Objects
+from surveilnav.services.gateway.removals import Removals
 from surveilnav.services.gateway.robots import Robots
 from surveilnav.services.gateway.state import BuildingState
 from surveilnav.services.gateway.stream_sources import BuildingEvents
@@ -42,11 +43,13 @@ class ChangeDetector:
         cameras: Cameras,
         robots: Robots,
         objects: Objects,
+        removals: Removals,
         events: BuildingEvents,
         meter: MissionTrafficMeter,
     ) -> None:
         self._state, self._node = state, state.node
         self._all_cameras, self._all_robots, self._all_objects = cameras, robots, objects
+        self._all_removals = removals
         self._events, self._meter = events, meter
         self._lock = threading.Lock()  # missions are also reported on the bus's thread
         self._presence: Tracked[bool] = Tracked(changes.presence_changes)
@@ -61,6 +64,7 @@ class ChangeDetector:
         with self._lock:
             self._missions: Tracked[MissionStatus] = Tracked(changes.mission_changes)
         self._cameras: Tracked[CameraState] = Tracked(changes.camera_changes)
+        self._removals: Tracked[MapRemoval] = Tracked(changes.removal_changes)
         self._robots: Tracked[RobotSituation] = Tracked(changes.robot_changes)
         self._processes: Tracked[ServiceState] = Tracked(changes.process_changes)
         self._objects: dict[str, Tracked[ObjectRecord]] = {}
@@ -72,8 +76,11 @@ class ChangeDetector:
         while not self._node.stopping.wait(_COMPARE_PERIOD_S):
             try:
                 self.compare()
-                for floor, row in self._state.revisions.newest("floor").items():
+                revisions = self._state.revisions.newest("floor")
+                for floor, row in revisions.items():
                     self._compare_objects(floor, row.message.stamp_ns)
+                for floor in self.brief_objects.keys() - revisions.keys():  # only a source that was removed had seen it
+                    self.brief_objects.pop(floor)
             except Exception:  # a bug must not end the events in silence
                 if not self._node.stopping.is_set():
                     self._node.log.exception("watching failed")
@@ -84,6 +91,9 @@ class ChangeDetector:
         for row in self._state.missions.newest("mission").values():
             self._on_mission(row)
         self._publish("camera", self._cameras.update(self._camera_states()), changes.camera_event)
+        self._all_removals.forget_outdated()
+        removals = {str(removal.id): removal for removal in self._all_removals.messages()}
+        self._publish("removal", self._removals.update(removals), changes.removal_event)
         self._publish("robot", self._robots.update(self._robot_situations()), changes.robot_event)
         self._publish("service", self._processes.update(self._process_states()), changes.process_event)
         alive = {f"{kind}/{id}": True for kind in _SERVICES for id in self._node.alive(kind)}

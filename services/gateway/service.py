@@ -15,16 +15,12 @@ from surveilnav.services.gateway.access_log import AccessLog
 from surveilnav.services.gateway.cameras import Cameras, PastPictures
 from surveilnav.services.gateway.change_detector import ChangeDetector
 from surveilnav.services.gateway.config import GatewaySettings
-from surveilnav.services.gateway.core.resources import (
-    NEEDED,
-    building_from_parts,
-    readiness_from_nodes,
-    service_from_state,
-)
+from surveilnav.services.gateway.core import resources
 from surveilnav.services.gateway.maps import Maps
 from surveilnav.services.gateway.missions import Missions
 from surveilnav.services.gateway.objects import Objects
 from surveilnav.services.gateway.recordings import Recordings, Replays
+from surveilnav.services.gateway.removals import Removals
 from surveilnav.services.gateway.robots import PerceptionWorkers, Robots
 from surveilnav.services.gateway.rooms import Rooms
 from surveilnav.services.gateway.sightings import CameraSightings
@@ -61,7 +57,10 @@ class Gateway:
         self.recordings = Recordings(self.state)
         self.events = BuildingEvents()
         self.meter = MissionTrafficMeter(self.state)
-        self._detector = ChangeDetector(self.state, self.cameras, self.robots, self.objects, self.events, self.meter)
+        self.removals = Removals(self.state, self.maps, self.objects)
+        self._detector = ChangeDetector(
+            self.state, self.cameras, self.robots, self.objects, self.removals, self.events, self.meter
+        )
         self.replays = Replays(self.state, self._forget_everything)
         self.live = LiveStates(node, self._live_resources())
         self.tiles = CameraTiles(node, self.cameras)
@@ -87,13 +86,14 @@ class Gateway:
             "cost": self.meter.all,
             "object": lambda: dict(ChainMap(*self._detector.brief_objects.values())),
             "traffic": lambda: self.traffic().by_source(),
+            "removal": lambda: {r.id: r for r in self.removals.all()},
             "replay": lambda: {"": found} if (found := self.replays.current()) else {},
         }
 
     def building(self) -> Building:
         """The building, with what is in it."""
         parts = self.maps.floors(), self.cameras.all(), self.robots.all(), self.missions.all()
-        return building_from_parts(self._node.building, *parts, ready=self.readiness().ready)
+        return resources.building_from_parts(self._node.building, *parts, ready=self.readiness().ready)
 
     def stop_robots(self, reason: str) -> list[RobotHalt]:
         """Emergency stop: halts all robots; another thread pauses all missions, also those of robots that don't answer."""
@@ -109,11 +109,13 @@ class Gateway:
         """Processes that are kept running, as `surveilnav up` reports them."""
         supervisors = self.state.services
         return [
-            service_from_state(state, row.received_ns, supervisors.is_old(row))
+            resources.service_from_state(state, row.received_ns, supervisors.is_old(row))
             for row in supervisors.newest("supervisor").values()
             for state in row.message.services
         ]
 
     def readiness(self) -> Readiness:
         """Whether a mission could run now, and what is missing."""
-        return readiness_from_nodes(self._node.routers(), {kind: self._node.alive(kind) for kind, _ in NEEDED})
+        return resources.readiness_from_nodes(
+            self._node.routers(), {kind: self._node.alive(kind) for kind, _ in resources.NEEDED}
+        )

@@ -162,9 +162,9 @@ def router(events: BuildingEvents, live: LiveStates, tiles: CameraTiles, access_
         responses=_described("Server-Sent Events; the data of each is an Event as JSON", _EVENT),
     )
     def event_stream(last_event_id: _LastId = None) -> Response:
-        """Changes, as Server-Sent Events: `mission`, `object`, `camera`, `robot`, `service`. To miss none, send the id of the
-        last event as `Last-Event-ID` when you connect again (browsers do). `reset` says that this is your first connection, or
-        that some events aren't kept any more: read the state again."""
+        """Changes, as Server-Sent Events: `mission`, `object`, `camera`, `robot`, `service`, `removal`. To miss none, send
+        the id of the last event as `Last-Event-ID` when you connect again (browsers do). `reset` says that this is your first
+        connection, or that some events aren't kept any more: read the state again."""
         return EventStream(events, last_event_id)
 
     @router.get(
@@ -174,11 +174,11 @@ def router(events: BuildingEvents, live: LiveStates, tiles: CameraTiles, access_
         responses=_described("Server-Sent Events: a resource in each", _STATE),
     )
     def live_stream(last_event_id: _LastId = None) -> Response:
-        """The state of everything, and then whatever changes, as Server-Sent Events: `building`, `readiness`, `floor`, `camera`,
-        `robot`, `worker`, `recorder`, `service`, `mission` (the newest 100), `plan`, `cost` (a mission's traffic), `object`
-        (without its history), `traffic`, `replay`. The data has the `id` and the `state`: the resource as in REST, or null if
-        it is gone. A slow client gets only the newest state of what changes fast. A resource isn't sent again if only its
-        `last_seen` changes."""
+        """The state of everything, and then whatever changes, as Server-Sent Events: `building`, `readiness`,
+        `floor`, `camera`, `robot`, `worker`, `recorder`, `service`, `mission` (the newest 100), `plan`, `cost` (a
+        mission's traffic), `object` (without its history), `traffic`, `replay`, `removal`. The data has the `id` and
+        the `state`: the resource as in REST, or null if it is gone. A slow client gets only the newest state of what
+        changes fast. A resource isn't sent again if only its `last_seen` changes."""
         return EventStream(live, last_event_id)
 
     @router.get(

@@ -57,6 +57,7 @@ class FloorMapsClient:
             objects=[self._objects[id_] for id_ in header.object_ids],
             revision=header.revision,
             pending_views=header.pending_views,
+            removals=header.removals,
         )
 
     def _update(self, header: FloorMapsHeader, payload: bytes) -> None:

@@ -12,6 +12,7 @@ from mcap.records import Attachment, Channel, McapRecord, Message, Metadata, Sch
 
 from surveilnav.contract import Stream
 from surveilnav.services.recorder.core.mcap_message import BUS_ENCODING, decode_bus_message, stream_of_topic
+from surveilnav.services.recorder.intact import Damage
 from surveilnav.services.recorder.reading import BEGIN, END, RecordingError, records
 
 
@@ -50,11 +51,20 @@ class RecordedEnd:
     facts: dict[str, str]
 
 
-RecordedItem = RecordedStart | RecordedMaps | RecordedMessage | RecordedEnd
+@dataclass(frozen=True, slots=True, eq=False)
+class RecordedDamage:
+    """A part of the file that can't be read, and when its messages were recorded [ns]; 0 if that is unknown."""
+
+    n_bytes: int
+    start_ns: int
+    end_ns: int
+
+
+RecordedItem = RecordedStart | RecordedMaps | RecordedMessage | RecordedEnd | RecordedDamage
 
 
 def read_recording(path: Path) -> Iterator[RecordedItem]:
-    """The contents of a recording in order, as far as the file goes.
+    """The contents of a recording in order, as far as the file goes, and the damages in between.
 
     Raises:
         RecordingError: the file isn't a recording of this program.
@@ -63,7 +73,7 @@ def read_recording(path: Path) -> Iterator[RecordedItem]:
     for record in records(path):
         item = reader.read(record)
         if item is not None:
-            is_recording = True
+            is_recording |= not isinstance(item, RecordedDamage)
             yield item
     if not is_recording:
         raise RecordingError(f"{path} holds no mission: expected a file that `surveilnav.services.recorder` wrote")
@@ -77,9 +87,11 @@ class _Reader:
     channels: dict[int, tuple[Stream, str, dict[str, str]]] = field(default_factory=dict)
     facts: dict[str, dict[str, str]] = field(default_factory=dict)
 
-    def read(self, record: McapRecord) -> RecordedItem | None:
+    def read(self, record: McapRecord | Damage) -> RecordedItem | None:
         """The item that a record holds, if any. Raises RecordingError if it can't be read."""
         match record:
+            case Damage():
+                return RecordedDamage(record.n_bytes, record.start_ns, record.end_ns)
             case Schema():
                 self.schemas[record.id] = record.name
             case Channel() if record.message_encoding == BUS_ENCODING:

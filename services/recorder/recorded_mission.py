@@ -18,6 +18,7 @@ class RecordedMission:
         id: the recording's id.
         status: the mission's newest status.
         last_view: number of the newest view in the file; None: the file needs a snapshot of the maps first.
+        removals: how many removals (``messages.RemoveFromMaps``) the maps in the file reflect.
         until_ns: when the file is closed; None: the mission goes on.
         has_prompt_embedding: the file holds the embedding of the mission's prompt.
     """
@@ -25,6 +26,7 @@ class RecordedMission:
     id: str
     status: MissionStatus
     last_view: int | None = None
+    removals: int = 0
     until_ns: int | None = None
     has_prompt_embedding: bool = False
 

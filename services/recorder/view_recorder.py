@@ -47,10 +47,12 @@ class ViewRecorder:
         are missing."""
         try:
             maps = self._fusion.digest()
+            if mission.last_view is not None and mission.removals != maps.removals:
+                self._record_maps([mission])
             until_s = time.monotonic() + _RETRY_S
             while mission.last_view is not None and mission.last_view < maps.number and time.monotonic() < until_s:
                 self._record_views([mission], maps.number)
-            if mission.last_view is not None and mission.last_view >= maps.number:
+            if mission.last_view == maps.number and mission.removals == maps.removals:
                 return {"number": str(maps.number), "revision": str(maps.revision), "digest": maps.digest}
         except BusError as error:
             self._node.warn_seldom("a recording lacks the end of its maps", error=str(error))
@@ -62,7 +64,7 @@ class ViewRecorder:
         facts = {"config": header.config, "digest": header.digest}
         self._writer.attach([m.id for m in missions], f"maps-{header.number}", data, facts)
         for mission in missions:
-            mission.last_view = header.number
+            mission.last_view, mission.removals = header.number, header.removals
 
     def _record_views(self, missions: list[RecordedMission], up_to: int | None = None) -> bool:
         """Records a few more views, at most up to number ``up_to``; returns whether there may be others."""
@@ -73,6 +75,10 @@ class ViewRecorder:
             after = min(m.last_view for m in behind if m.last_view is not None)
             received = self._fusion.next_view(after)
             view = received.message
+            outdated = [m for m in behind if m.removals != view.removals]
+            if outdated:  # a source was taken out of the maps: its views in the file don't give them any more
+                self._restart_from_maps(outdated)
+                return True
             next_ones = [m for m in behind if m.last_view == after]
             if view.number == 0:
                 if view.newest < after:  # fusion began a new log
@@ -89,7 +95,7 @@ class ViewRecorder:
         return True
 
     def _restart_from_maps(self, missions: Iterable[RecordedMission]) -> None:
-        """Has recordings that miss views go on from a new snapshot of the maps."""
+        """Has recordings whose views don't give the maps go on from a new snapshot of these."""
         for mission in missions:
-            self._node.warn_seldom("views are missing from a recording", id=mission.id, after=mission.last_view)
+            self._node.warn_seldom("a recording goes on from other maps", id=mission.id, after=mission.last_view)
             mission.last_view = None

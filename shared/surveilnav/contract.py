@@ -344,6 +344,30 @@ FORGET_PICTURES = Stream(
     request=m.ForgetPictures,
     allows_wildcard=True,
 )
+REMOVE_FROM_MAPS = Stream(
+    "remove_from_maps",
+    "{building}/remove_from_maps/{fusion}",
+    m.MapRemoval,
+    "fusion",
+    "query",
+    None,
+    5_000,
+    "control",
+    "take what a camera or a robot has contributed out of the maps; answered once it is certain to happen",
+    request=m.RemoveFromMaps,
+    allows_wildcard=True,
+)
+MAP_REMOVALS = Stream(
+    "map_removals",
+    "{building}/map_removals/{fusion}",
+    m.MapRemovals,
+    "fusion",
+    "put+query",
+    None,
+    10_000,
+    "data",
+    "what was taken out of the maps, and how far that is",
+)
 VIEW_LOG = Stream(
     "view_log",
     "{building}/view_log",

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import msgspec
 import pytest
+from mcap.reader import make_reader
 from mcap.writer import Writer
 from typer.testing import CliRunner
 
@@ -71,6 +72,25 @@ def test_why_nothing_can_be_compared_is_said(tmp_path, end, why):
     outcome = check(file_of(tmp_path / "a.mcap", *MAPS, *end))
     assert why in outcome.in_words()
     assert outcome.as_dict()["ended"] is bool(end)
+
+
+def test_what_is_damaged_is_said_and_all_else_replayed(tmp_path):
+    halt = ROBOT_HALT.key_for(building="b", robot="r1")
+    answer = msgspec.msgpack.encode(m.HaltReply(stamp_ns=1, robot="r1", halted=True))
+    line = halt, "msgpack", "surveilnav.HaltReply/1.0", answer
+    split = "note", {"x": "y"}  # metadata ends a chunk
+    path = file_of(tmp_path / "a.mcap", *MAPS, line, line, line, split, line, split, line, ("end", {"digest": "0"}))
+    assert check(path).missing == ""
+    with path.open("rb") as stream:
+        chunks = sorted(make_reader(stream).get_summary().chunk_indexes, key=lambda c: c.chunk_start_offset)
+    data = bytearray(path.read_bytes())
+    data[chunks[0].chunk_start_offset + chunks[0].chunk_length - 9] ^= 1
+    path.write_bytes(data)
+    assert len([t for t in read_recording(path) if isinstance(t, RecordedMessage)]) == 2
+    outcome = check(path)
+    assert outcome.ended
+    assert "damaged: 1 part of the file" in outcome.in_words()
+    assert "missing are messages of" in outcome.as_dict()["missing"]
 
 
 @pytest.mark.parametrize(("claimed", "said"), [("", "nothing to compare with"), ("0" * 32, "NOT the same maps")])

@@ -35,7 +35,7 @@ ASKING = {
     "cameras": ["cameras"],
     "cameras pause": ["cameras", "pause", "c0-1"],
     "cameras resume": ["cameras", "resume", "c0-1"],
-    "cameras forget": ["cameras", "forget", "c0-1"],
+    "cameras remove": ["cameras", "remove", "c0-1"],
     "cameras delete-pictures": ["cameras", "delete-pictures"],
     "where": ["where", "tv"],
     "status": ["status"],
@@ -43,6 +43,8 @@ ASKING = {
     "objects": ["objects"],
     "map": ["map"],
     "traffic": ["traffic"],
+    "robots": ["robots"],
+    "robots remove": ["robots", "remove", "r", "--from-maps"],
     "stop": ["stop"],
     "release": ["release"],
 }

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from typing import Any
 
+import httpx
 import pytest
 
 from tests.page.conftest import PHONE
@@ -108,6 +109,30 @@ def test_a_mission_is_paused_goes_on_and_is_cancelled(open_page):
     card.get_by_role("button", name="Cancel").click()
     row(page, id).locator(".badge", has_text="cancelled").wait_for()
     until(lambda: card.count() == 0)
+
+
+def test_a_camera_is_taken_out_of_the_maps(open_page, home):
+    page = open_page()
+    removals = f"http://127.0.0.1:{home.gateway_port}/api/v1/removals"
+    cameras = f"http://127.0.0.1:{home.gateway_port}/api/v1/cameras"
+    camera = until(lambda: next((c["id"] for c in httpx.get(cameras).json()["items"] if c["views_processed"]), None))
+    page.get_by_role("button", name=f"Take camera {camera} out of the maps").click()
+    dialog = page.get_by_role("dialog", name="Take out of the maps")
+    assert dialog.locator("select").input_value() == f"camera/{camera}"
+    assert "robot/" in dialog.locator("select").inner_text()
+    assert "can't be undone" in dialog.inner_text()
+    dialog.get_by_role("button", name="Cancel").click()
+    until(lambda: page.locator("dialog").count() == 0)
+    assert httpx.get(removals).json()["total"] == 0, "nothing is taken out unasked"
+    page.get_by_role("button", name=f"Take camera {camera} out of the maps").click()
+    dialog.get_by_role("button", name="Take it out").click()
+    page.locator(".toast.good", has_text=f"camera/{camera}: taken out of the maps").wait_for()
+    tile = page.locator(f"#camera-{camera}")
+    until(lambda: tile.get_attribute("data-state") == "paused", "a wrong camera would come in again")
+    (removal,) = httpx.get(removals).json()["items"]
+    assert (removal["source"], removal["state"], removal["since"]) == (f"camera/{camera}", "done", None)
+    page.get_by_role("button", name=f"Resume camera {camera}").click()
+    until(lambda: tile.get_attribute("data-state") == "live")
 
 
 def test_everything_stops_and_is_released(open_page):

@@ -65,7 +65,7 @@ class FloorMapsAnswers:
             self._reader.build_value(floor, text)
             # one moment: nothing is integrated while the lock is held
             with self._maps.lock:
-                joint, epoch = self._reader.joint_of(floor), self._maps.epoch
+                joint, epoch, removals = self._reader.joint_of(floor), self._maps.epoch, self._maps.removals
                 since = _since(request, epoch)
                 revision = joint.floor_revision(floor)
                 layers = {name: joint.layer(floor, name, *(text if name == "value" else ())) for name in GRID_LAYERS}
@@ -89,6 +89,7 @@ class FloorMapsAnswers:
             object_ids=ids,
             robots=robots,
             pending_views=self._revisions.pending_views(floor),
+            removals=removals,
         )
         return Answer(header, payload)
 

@@ -29,11 +29,12 @@ class LogAnswers:
         """The first integrated view in the log after number ``after``."""
         after = _number(request, "after")
         try:
+            removals = self._maps.removals
             newest, number, e = self._log.next_view(after)
         except StoreError as error:
             raise Refused("store_down", f"the log of views can't be read: {error}") from error
         if e is None:
-            return Answer(LoggedView(stamp_ns=clock_ns(), number=0, newest=newest))
+            return Answer(LoggedView(stamp_ns=clock_ns(), number=0, newest=newest, removals=removals))
         view = LoggedView(
             stamp_ns=clock_ns(),
             number=number,
@@ -44,6 +45,7 @@ class LogAnswers:
             reply=e.reply,
             digest=e.digest,
             fault=e.fault,
+            removals=removals,
         )
         return Answer(view, e.payload)
 
@@ -76,6 +78,7 @@ class LogAnswers:
             revision=state["maps"]["maps"]["revision"],
             digest=digest(state["maps"]),
             config=self._config,
+            removals=state["removals"],
         )
 
 

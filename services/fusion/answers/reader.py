@@ -51,8 +51,12 @@ class MapReader:
         KeyError: no such floor.
         """
         with self.maps.lock:
-            pending = self.joint_of(floor).pending_value(floor, *text)
+            joint = self.joint_of(floor)
+            pending = joint.pending_value(floor, *text)
         if pending is not None:
             pending.build()
             with self.maps.lock:
-                self.joint_of(floor).adopt_value(floor, pending)
+                if (
+                    self.joint_of(floor) is joint
+                ):  # other maps may have taken its place, without the views of some source
+                    joint.adopt_value(floor, pending)

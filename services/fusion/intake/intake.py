@@ -18,6 +18,7 @@ from surveilnav.services.fusion.intake.sources import InvokedCamera, Sources
 from surveilnav.services.fusion.intake.texts import TextEncoder
 from surveilnav.services.fusion.intake.words import SearchedWords
 from surveilnav.services.fusion.intake.workers import Workers
+from surveilnav.services.fusion.map_log.removal import Removal
 from surveilnav.services.fusion.perceived import PerceivedView, ViewKey
 
 _WORDS_PERIOD_S = 0.2  # between two checks of what missions search for
@@ -83,6 +84,17 @@ class ViewIntake:
         """Views that are ready for the maps: all of robots or, if there are none, a few of cameras."""
         faulty, self._faulty = list(self._faulty.values()), {}
         return faulty + (self._perception.pop_robots() or self._perception.pop_cameras(self._views_per_step))
+
+    def withdraw(self, removal: Removal) -> None:
+        """Drops views of a camera that are under way and that a removal takes away."""
+        self._sources.withdraw(removal)
+        self._perception.withdraw_removed(removal)
+        self._pictures.drop_source(removal.source)
+        self._faulty = {k: p for k, p in self._faulty.items() if not removal.includes(k[0], p.header.stamp_ns)}
+
+    def request_again(self, source: str) -> None:
+        """Has a camera send all its views again, because the maps don't hold them any more."""
+        self._sources.request_again(source)
 
     def _submit(self, frame: Received[FrameHeader]) -> None:
         header = frame.message

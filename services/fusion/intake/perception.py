@@ -28,8 +28,11 @@ from surveilnav.services.fusion.config import FusionSettings
 from surveilnav.services.fusion.intake.ranking import ViewRanking
 from surveilnav.services.fusion.intake.words import SearchedWords
 from surveilnav.services.fusion.intake.workers import Workers
+from surveilnav.services.fusion.map_log.removal import Removal
 from surveilnav.services.fusion.perceived import PerceivedView, ViewKey
 
+#: Source, view, number and stamp of a frame.
+FrameId = tuple[str, int, int, int]
 #: Refusals for reasons that pass, and have nothing to do with the picture.
 _TRANSIENT = {"busy", "too_late", "no_truth", "not_ready", "superseded"}
 _MAX_ATTEMPTS = 3  # with a picture that perception refuses for a reason that doesn't pass
@@ -39,11 +42,11 @@ _MAX_ATTEMPTS = 3  # with a picture that perception refuses for a reason that do
 class _Lane:
     """The waiting and the finished pictures of one kind of source. ``done`` has few, since decoded pictures are large.
 
-    ``active`` is the view that is being perceived, or that waits for room in ``done``.
+    ``active`` is the header of the view that is being perceived, or that waits for room in ``done``.
     """
 
     done: queue.Queue[PerceivedView]
-    active: ViewKey | None = None
+    active: FrameHeader | None = None
     waiting: OrderedDict[ViewKey, Received[FrameHeader]] = field(default_factory=OrderedDict)
     problem: str = ""
 
@@ -63,6 +66,7 @@ class PerceptionClient:
         self._node, self._settings, self._workers = node, settings, workers
         self._maps, self._searched, self._ranking = maps, words, ranking
         self._lock = threading.Condition()
+        self._withdrawn: set[FrameId] = set()  # frames that are still under way and that nobody wants any more
         self._robots = _Lane(queue.Queue(maxsize=8))
         self._cameras = _Lane(queue.Queue(maxsize=settings.camera_views_per_step))
         for lane, name in ((self._robots, "robots"), (self._cameras, "cameras")):
@@ -98,19 +102,41 @@ class PerceptionClient:
                 for key in [k for k in lane.waiting if k[0] == source]:
                     del lane.waiting[key]
 
+    def withdraw_removed(self, removal: Removal) -> None:
+        """Drops all views that a removal takes away, also those that are being perceived or are ready."""
+        with self._lock:
+            for lane in (self._robots, self._cameras):
+                waiting = [(key, frame.message) for key, frame in lane.waiting.items()]
+                for key in [key for key, header in waiting if removal.includes(header.source, header.stamp_ns)]:
+                    del lane.waiting[key]
+                under_way = [view.header for view in list(lane.done.queue)]
+                under_way += [lane.active] if lane.active is not None else []
+                self._withdrawn |= {_frame_id(h) for h in under_way if removal.includes(h.source, h.stamp_ns)}
+
     def has_views_of(self, source: str) -> bool:
         """Whether a view of a source waits, is being perceived, or has yet to be popped."""
         with self._lock:
-            keys = [key for lane in (self._robots, self._cameras) for key in (*lane.waiting, lane.active)]
-            keys += [view.key for lane in (self._robots, self._cameras) for view in list(lane.done.queue)]
-        return any(key is not None and key[0] == source for key in keys)
+            lanes = self._robots, self._cameras
+            sources = [key[0] for lane in lanes for key in lane.waiting]
+            sources += [lane.active.source for lane in lanes if lane.active is not None]
+            sources += [view.key[0] for lane in lanes for view in list(lane.done.queue)]
+        return source in sources
 
     def pop_robots(self) -> list[PerceivedView]:
-        return _drain(self._robots.done, 1000)
+        return self._wanted(_drain(self._robots.done, 1000))
 
     def pop_cameras(self, max_views: int) -> list[PerceivedView]:
         """Up to ``max_views`` perceived views of cameras."""
-        return _drain(self._cameras.done, max_views)
+        return self._wanted(_drain(self._cameras.done, max_views))
+
+    def _wanted(self, views: list[PerceivedView]) -> list[PerceivedView]:
+        """Those of the views that weren't withdrawn meanwhile."""
+        if not self._withdrawn:
+            return views
+        with self._lock:
+            wanted = [view for view in views if _frame_id(view.header) not in self._withdrawn]
+            self._withdrawn -= {_frame_id(view.header) for view in views}
+        return wanted
 
     def _work(self, lane: _Lane) -> None:
         while not self._node.stopping.is_set():
@@ -157,8 +183,9 @@ class PerceptionClient:
         is_ranked = lane is self._cameras and len(headers) > 1
         key = self._ranking.pop_best(headers) if is_ranked else next(iter(headers))
         with self._lock:
-            lane.active = key
-            return lane.waiting.pop(key, None)
+            frame = lane.waiting.pop(key, None)
+            lane.active = frame.message if frame is not None else None
+            return frame
 
     def _perceive(self, lane: _Lane, frame: Received[FrameHeader]) -> PerceivedView | None:
         """Sends a frame to perception until it answers; None if a newer picture of the same view arrives meanwhile."""
@@ -224,6 +251,10 @@ def _digest(frame: Received[FrameHeader], embedder: str, words: tuple[str, ...])
     digest = hashlib.blake2b(metadata.encode(), digest_size=16)
     digest.update(frame.payload)
     return digest.digest()
+
+
+def _frame_id(header: FrameHeader) -> FrameId:
+    return header.source, header.view, header.seq, header.stamp_ns
 
 
 def _is_transient(error: Exception, is_robot: bool) -> bool:

@@ -22,6 +22,7 @@ from surveilnav.services.fusion.core.views.invocation import Invocation, invoke
 from surveilnav.services.fusion.intake.camera_searches import CameraSearches
 from surveilnav.services.fusion.intake.clocks import SourceClocks
 from surveilnav.services.fusion.intake.words import SearchedWords
+from surveilnav.services.fusion.map_log.removal import Removal
 
 _MAX_CAMERAS, _MAX_VIEWS, _MAX_ROBOTS = 1000, 64, 64
 _MAX_SEQ, _MAX_STAMP_NS = 2**53, 2**62  # the largest that the store, the maps and JavaScript clients can represent
@@ -84,6 +85,22 @@ class Sources:
             dropped = self._invoke(now_s)
             self._request_missing(now_s)
         return [*self._robot_frames(), *self._camera_frames()], dropped
+
+    def withdraw(self, removal: Removal) -> None:
+        """Drops frames of a camera that have arrived and haven't been polled. It is asked for them again at the end."""
+        for name, camera in self.cameras.items():
+            if removal.source == f"camera/{name}":
+                for slot in camera.slots.values():
+                    slot.poll()
+
+    def request_again(self, source: str) -> None:
+        """Has a camera send all its views again, because the maps don't hold them any more."""
+        kind, _, name = source.partition("/")
+        if kind == "camera" and name in self.cameras:
+            camera = self.cameras[name]
+            camera.arrived.clear()
+            camera.patience_s, camera.resend_at_s = self._settings.resend_after_s, 0.0
+        self._silent_prefetched.discard(name)
 
     def _follow_robots(self) -> None:
         here = {row.ids["robot"] for row in self._statuses.rows(max_age_s=self._settings.robot_timeout_s)}

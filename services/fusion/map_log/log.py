@@ -18,12 +18,10 @@ from surveilnav.messages.maps import ObjectEvent
 from surveilnav.services.fusion.building_maps import BuildingMaps, Outcome
 from surveilnav.services.fusion.config import FusionSettings
 from surveilnav.services.fusion.core.snapshot import SnapshotError
-from surveilnav.services.fusion.map_log.recovery import (
-    entry_from_perceived,
-    jpeg_of,
-    logged_views,
-    restore_newest_snapshot,
-)
+from surveilnav.services.fusion.map_log.rebuild import stored_events
+from surveilnav.services.fusion.map_log.recovery import entry_from_perceived, jpeg_of, replay, restore_snapshot
+from surveilnav.services.fusion.map_log.removal import Removal
+from surveilnav.services.fusion.map_log.removals import Removals
 from surveilnav.services.fusion.map_log.snapshots import SnapshotWriter
 from surveilnav.services.fusion.map_log.store import Entry, Store, StoredEvent, StoreError
 from surveilnav.services.fusion.perceived import PerceivedView, ViewKey
@@ -46,6 +44,7 @@ class MapLog:
     Attributes:
         state: whether the file holds what the maps hold.
         problem: why views can't be logged now; "" while they can.
+        removals: takes what a source has contributed out of the maps again.
     """
 
     def __init__(
@@ -61,6 +60,7 @@ class MapLog:
         self.state = LogState.UNREAD if settings.store else LogState.NO_FILE
         self._store = Store(Path(settings.store), max_events=settings.max_events, overwrite=self._pictures_expire)
         self._snapshots = SnapshotWriter(node, self._store, settings, keep_pictures_s)
+        self.removals = Removals(node, self._store if settings.store else None, maps)
         self._make_ready()
 
     @property
@@ -77,10 +77,19 @@ class MapLog:
                 self._waiting[perceived.key] = perceived
         if self._waiting and time.monotonic() >= self._retry_at_s and self._make_ready():
             self._log_and_integrate()
+        ready = self.state is LogState.NO_FILE or (self.state is LogState.READY and not self.problem)
+        if way := self.removals.step(ready=ready):
+            self._events = [] if way == "replay" else self._events
+            self._snapshots.make_due()  # so that the maps needn't be computed again after a restart
         if self.state is LogState.READY:
-            if self._snapshots.is_due and not self._events:
+            if self._snapshots.is_due and not self._events and not self.removals.is_running:
                 self._snapshots.write(self._maps.freeze())
             self._snapshots.remove_old_files()
+
+    def withdraw(self, removal: Removal) -> None:
+        """Drops views of a camera that wait for the file and that a removal takes away."""
+        for key in [k for k, p in self._waiting.items() if removal.includes(k[0], p.header.stamp_ns)]:
+            del self._waiting[key]
 
     def _is_new(self, perceived: PerceivedView) -> bool:
         """Whether a view must be logged. False if its picture, or its fault, is the one that was processed last."""
@@ -112,10 +121,7 @@ class MapLog:
         outcome = self._maps.integrate(perceived, number)
         if self.state is not LogState.NO_FILE:
             self._snapshots.record_logged(len(perceived.payload), integrated=outcome.integrated)
-            self._events += [
-                StoredEvent(number, k, outcome.floor, change.object_id, change.absorbed, change.event)
-                for k, change in enumerate(outcome.changes)
-            ]
+            self._events += stored_events(number, outcome)
         return outcome
 
     def _report(self, perceived: PerceivedView, outcome: Outcome) -> None:
@@ -183,7 +189,8 @@ class MapLog:
         return True
 
     def close(self) -> None:
-        """Finishes a snapshot that is being written, and closes the file."""
+        """Finishes a snapshot that is being written, stops a removal, which goes on after the next start, and closes the file."""
+        self.removals.close()
         self._snapshots.wait()
         self._store.close()
 
@@ -205,8 +212,7 @@ class MapLog:
         """Restores the maps from the file. A file that can't be used is set aside; one that can't be read now is tried again."""
         began_s = time.monotonic()
         try:
-            restore_newest_snapshot(self._store, self._node, self._maps)
-            self._replay()
+            self._replay(restore_snapshot(self._store, self._node, self._maps, self.removals.load()))
             self.state = LogState.READY
         except (SnapshotError, StoreError) as error:
             if isinstance(error, StoreError) and error.name == "unwritable":
@@ -217,13 +223,16 @@ class MapLog:
         if revision and self.state is not LogState.UNREAD:
             self._node.log.info("restored", revision=revision, seconds=round(time.monotonic() - began_s, 2))
 
-    def _replay(self) -> None:
-        """Integrates the views logged after the snapshot. Raises StoreError."""
-        for number, perceived in logged_views(self._store, self._node, self._maps.number):
-            try:
-                self._integrate(number, perceived)
-            except Exception as error:  # a view that ended the previous process must not end this one
-                self._node.log.warning("log_view_lost", number=number, error=f"{type(error).__name__}: {error}")
+    def _replay(self, removals: list[Removal]) -> None:
+        """Integrates the views logged after the snapshot, without those that were removed. Raises StoreError."""
+        begin, n_removals = self._maps.number, self._maps.removals
+        for _ in replay(self._store, self._node, self._maps, removals, self._integrate):
+            pass
+        if self._maps.removals > n_removals:
+            self._store.replace_events(begin, self._events)
+            self._events = []
+            self.removals.finish_after_restart()
+            self._snapshots.make_due()
         self._write_events()
         if self._pictures_expire and self._maps.number:  # it is unknown how long its pictures have been in the file
             self._snapshots.forget_pictures()
@@ -236,7 +245,7 @@ class MapLog:
         except StoreError as error:
             self._block(error)
             return
-        self._maps.number = 0
+        self._maps.number = self._maps.removals = 0
         joint, processed = self._maps.joint, self._maps.processed
         self._node.log.warning(f"store_{name}", error=message, moved_to=str(aside), revision=joint.revision)
         has_content = joint.revision or processed.robots or processed.views

@@ -1,7 +1,8 @@
 """When snapshots of the maps are due, and a thread that writes them beside the main loop.
 
-Privacy sets a limit on how long pictures may stay in the log. The store drops the part of the log that the older of its two
-snapshots contains, so a picture leaves the file with the second snapshot after it.
+Privacy sets a limit on how long pictures may stay in the log. If it does, the store drops the part of the log that the older of
+its two snapshots contains, so a picture leaves the file with the second snapshot after it. Without a limit the log reaches back
+farther (``retention``).
 """
 
 from __future__ import annotations
@@ -14,6 +15,8 @@ from surveilnav.bus import Node
 from surveilnav.services.fusion.building_maps import State
 from surveilnav.services.fusion.config import FusionSettings
 from surveilnav.services.fusion.core.snapshot import pack
+from surveilnav.services.fusion.map_log.removal import SnapshotContents
+from surveilnav.services.fusion.map_log.retention import NO_RETENTION, Retention
 from surveilnav.services.fusion.map_log.store import Store, StoreError
 
 _RETRY_S = 30.0  # after a snapshot that was due for privacy couldn't be written
@@ -37,6 +40,8 @@ class SnapshotWriter:
             False  # after the second snapshot, overwrite the file's free pages: they still hold deleted pictures
         )
         self._cleaned_up_s = -math.inf
+        self._is_wanted = False  # one is due whatever was logged
+        self._retention = Retention(settings.log_views, settings.log_mb << 20)
         self._thread: threading.Thread | None = None
 
     def record_logged(self, n_bytes: int, *, integrated: bool) -> None:
@@ -54,21 +59,27 @@ class SnapshotWriter:
         """Whether a snapshot should be written now. False while one is being written."""
         settings = self._settings
         due = self._views >= settings.snapshot_views or self._bytes >= settings.snapshot_mb << 20
-        due = due or self._age.is_due(time.monotonic())
+        due = due or self._is_wanted or self._age.is_due(time.monotonic())
         return due and not (self._thread is not None and self._thread.is_alive())
 
     def write(self, state: State) -> None:
         """Starts to write a snapshot beside the main loop. ``state`` mustn't change any more."""
-        self._views, self._bytes = 0, 0
+        self._views, self._bytes, self._is_wanted = 0, 0, False
+        pictures_go = self._keep_pictures_s is not None or self._age.is_forgetting
         wipe = self._age.record_snapshot(time.monotonic()) and self._wipe
         self._wipe = self._wipe and not wipe
-        self._thread = threading.Thread(target=self._write, args=(state, wipe), name="snapshot", daemon=True)
+        retention = NO_RETENTION if pictures_go else self._retention
+        self._thread = threading.Thread(target=self._write, args=(state, wipe, retention), name="snapshot", daemon=True)
         self._thread.start()
 
     def write_first(self, state: State) -> None:
         """Writes the first snapshot of a new file before it returns. StoreError: it wasn't written."""
         self._views, self._bytes = 0, 0
-        self._store.save(pack(state | {"number": 0}), 0)
+        self._store.save(pack(state | {"number": 0}), 0, _contents(state))
+
+    def make_due(self) -> None:
+        """Makes a snapshot due at once."""
+        self._is_wanted = True
 
     def forget_pictures(self) -> None:
         """Has all pictures removed from the file: two snapshots become due at once. Safe from any thread."""
@@ -93,9 +104,9 @@ class SnapshotWriter:
         if self._thread is not None:
             self._thread.join()
 
-    def _write(self, state: State, wipe: bool) -> None:
+    def _write(self, state: State, wipe: bool, retention: Retention = NO_RETENTION) -> None:
         try:
-            self._store.save(pack(state), state["number"])
+            self._store.save(pack(state), state["number"], _contents(state), retention)
             if wipe:
                 self._store.wipe()
                 self._node.log.info("pictures_forgotten", up_to=state["number"])
@@ -103,6 +114,11 @@ class SnapshotWriter:
             self._age.record_failure(time.monotonic())
             self._wipe = self._wipe or wipe
             self._node.warn_seldom("a snapshot can't be written", error=f"{type(error).__name__}: {error}")
+
+
+def _contents(state: State) -> SnapshotContents:
+    spans = {source: (first_ns, last_ns) for source, (first_ns, last_ns) in state["processed"]["spans"].items()}
+    return SnapshotContents(state["removals"], spans)
 
 
 class PictureAge:
@@ -116,6 +132,11 @@ class PictureAge:
         self._oldest_new_s: float | None = None  # when the oldest view was logged that no snapshot contains
         self._oldest_superseded_s: float | None = None  # ... that only one snapshot contains; the next one drops it
         self._snapshots_wanted, self._retry_at_s = 0, 0.0
+
+    @property
+    def is_forgetting(self) -> bool:
+        """Whether snapshots are still to be written so that everything that was logged before is gone."""
+        return self._snapshots_wanted > 0
 
     def forget(self) -> None:
         """Makes two snapshots due, after which everything that is in the log now is gone."""

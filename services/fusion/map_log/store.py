@@ -1,7 +1,9 @@
 """An SQLite file with everything that fusion mustn't lose: a log of views, snapshots of the maps, and the events of objects.
 
-A view is committed here before it is integrated. A snapshot makes the log before it superfluous. The two newest snapshots are
-kept, and the log since the older one, so if the newest can't be read, the maps can still be restored, which only takes longer.
+A view is committed here before it is integrated. A snapshot makes the log before it superfluous for a restart. The two newest
+snapshots are kept, and the log since the older one, so if the newest can't be read, the maps can still be restored, which only
+takes longer. As far as there is room, older views and snapshots are kept too (``retention``), from which the maps can be computed
+again without the views of one source (``removal``).
 If the process is killed, nothing is lost. With synchronous=NORMAL, the operating system decides when a committed view reaches the
 disk, so a power cut may lose the newest ones.
 """
@@ -13,15 +15,18 @@ import shutil
 import sqlite3
 import threading
 import zlib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
 from surveilnav.messages.maps import ObjectEvent
+from surveilnav.services.fusion.map_log.removal import Removal, SnapshotContents
+from surveilnav.services.fusion.map_log.retention import NO_RETENTION, Retention, oldest_base, superfluous_snapshots
 
 _FORMAT = 1
 _PIECE_BYTES = 4 << 20  # a snapshot is written in pieces, so that views can be committed in between
@@ -34,6 +39,11 @@ CREATE TABLE IF NOT EXISTS piece (snapshot INTEGER, k INTEGER, data BLOB, PRIMAR
 CREATE TABLE IF NOT EXISTS event (
     number INTEGER, k INTEGER, floor TEXT, object INTEGER, absorbed INTEGER, data BLOB, PRIMARY KEY (number, k));
 CREATE INDEX IF NOT EXISTS event_of ON event (floor, object);
+"""
+#: Tables that files of the same format didn't have at first.
+_LATER_TABLES = """
+CREATE TABLE IF NOT EXISTS contents (snapshot INTEGER PRIMARY KEY, data BLOB);
+CREATE TABLE IF NOT EXISTS removal (id INTEGER PRIMARY KEY AUTOINCREMENT, data BLOB);
 """
 _FAMILY = """
 WITH RECURSIVE family(id) AS (
@@ -150,8 +160,24 @@ class Store:
             rows = db.execute(_FAMILY, (floor, object_id)).fetchall()
         return [_EVENT.decode(data) for (data,) in rows]
 
-    def save(self, snapshot: bytes, up_to: int) -> None:
-        """Saves a snapshot that contains the log up to number ``up_to``; deletes what is superfluous then. Raises StoreError."""
+    def replace_events(self, after: int, events: Iterable[StoredEvent]) -> None:
+        """Replaces all events that views after number ``after`` have caused. Raises StoreError."""
+        rows = [(e.number, e.k, e.floor, e.object_id, e.absorbed, msgspec.msgpack.encode(e.event)) for e in events]
+        with self._writing() as db:
+            db.execute("DELETE FROM event WHERE number > ?", (after,))
+            db.executemany("INSERT INTO event VALUES (?, ?, ?, ?, ?, ?)", rows)
+
+    def save(
+        self,
+        snapshot: bytes,
+        up_to: int,
+        contents: SnapshotContents | None = None,
+        retention: Retention = NO_RETENTION,
+    ) -> None:
+        """Saves a snapshot that contains the log up to number ``up_to``; deletes what is superfluous then. Raises StoreError.
+
+        ``retention``: how much of the log is kept beyond what a restart needs.
+        """
         pieces = [snapshot[i : i + _PIECE_BYTES] for i in range(0, len(snapshot), _PIECE_BYTES)]
         with self._writing() as db:
             db.execute(
@@ -161,36 +187,74 @@ class Store:
         for k, data in enumerate(pieces):
             with self._writing() as db:
                 db.execute("INSERT INTO piece VALUES (?, ?, ?)", (newest + 1, k, data))
+        row = newest + 1, up_to, len(pieces), zlib.crc32(snapshot)
         with self._writing() as db:
-            db.execute(
-                "INSERT INTO snapshot VALUES (?, ?, ?, ?)", (newest + 1, up_to, len(pieces), zlib.crc32(snapshot))
-            )
-            db.execute("DELETE FROM snapshot WHERE id < ?", (newest,))
-            db.execute("DELETE FROM piece WHERE snapshot < ?", (newest,))
-            db.execute(
-                "DELETE FROM view WHERE number <= (SELECT CASE WHEN COUNT(*) > 1 THEN MIN(up_to) END FROM snapshot)"
-            )
-            excess = db.execute("SELECT COUNT(*) FROM event").fetchone()[0] - self._max_events
-            if excess > 0:
-                db.execute(
-                    "DELETE FROM event WHERE rowid IN (SELECT rowid FROM event ORDER BY number, k LIMIT ?)", (excess,)
-                )
+            db.execute("INSERT INTO snapshot VALUES (?, ?, ?, ?)", row)
+            db.execute("INSERT OR REPLACE INTO contents VALUES (?, ?)", (newest + 1, msgspec.msgpack.encode(contents)))
+            self._delete_superfluous(db, retention)
         with self._reading() as db:
             db.execute("PRAGMA wal_checkpoint(TRUNCATE)")
 
-    def snapshots(self) -> Iterator[tuple[int, bytes | None]]:
-        """The snapshots, newest first: (log number up to which it goes, its bytes or None if damaged). Raises StoreError."""
+    def _delete_superfluous(self, db: sqlite3.Connection, retention: Retention) -> None:
+        """Deletes views, snapshots and events that neither a restart nor ``retention`` needs."""
+        kept = dict(db.execute("SELECT id, up_to FROM snapshot ORDER BY id").fetchall())
+        if len(kept) > 1:
+            first, last = db.execute("SELECT COALESCE(MIN(number), 0), COALESCE(MAX(number), 0) FROM view").fetchone()
+            sizes = "SELECT COALESCE(SUM(LENGTH(payload) + LENGTH(reply)), 0) FROM view WHERE number > ?"
+            base = oldest_base(
+                list(kept.values()), first, last, lambda after: db.execute(sizes, (after,)).fetchone()[0], retention
+            )
+            db.execute("DELETE FROM view WHERE number <= ?", (base,))
+            for id in superfluous_snapshots(kept, base, retention):
+                for table, column in (("snapshot", "id"), ("piece", "snapshot"), ("contents", "snapshot")):
+                    db.execute(f"DELETE FROM {table} WHERE {column} = ?", (id,))
+        excess = db.execute("SELECT COUNT(*) FROM event").fetchone()[0] - self._max_events
+        if excess > 0:
+            db.execute(
+                "DELETE FROM event WHERE rowid IN (SELECT rowid FROM event ORDER BY number, k LIMIT ?)", (excess,)
+            )
+
+    def snapshots(self) -> Iterator[tuple[int, SnapshotContents, Callable[[], bytes | None]]]:
+        """The snapshots, newest first. Raises StoreError.
+
+        Yields:
+            The log number up to which it goes, what is in it, and a function that reads its bytes: None if they are damaged.
+        """
         with self._reading() as db:
-            rows = db.execute("SELECT id, up_to, pieces, checksum FROM snapshot ORDER BY id DESC").fetchall()
-        for id, up_to, n_pieces, checksum in rows:
-            try:
-                with self._reading() as db:
-                    pieces = db.execute("SELECT data FROM piece WHERE snapshot = ? ORDER BY k", (id,)).fetchall()
-            except StoreError:
-                pieces = []
-            data = b"".join(piece for (piece,) in pieces)
-            is_complete = len(pieces) == n_pieces and zlib.crc32(data) == checksum
-            yield up_to, data if is_complete else None
+            rows = db.execute(
+                "SELECT id, up_to, pieces, checksum, contents.data FROM snapshot"
+                " LEFT JOIN contents ON contents.snapshot = id ORDER BY id DESC"
+            ).fetchall()
+        for id, up_to, n_pieces, checksum, contents in rows:
+            yield up_to, _contents(contents), partial(self._read_snapshot, id, n_pieces, checksum)
+
+    def _read_snapshot(self, id: int, n_pieces: int, checksum: int) -> bytes | None:
+        try:
+            with self._reading() as db:
+                pieces = db.execute("SELECT data FROM piece WHERE snapshot = ? ORDER BY k", (id,)).fetchall()
+        except StoreError:
+            return None
+        data = b"".join(piece for (piece,) in pieces)
+        return data if len(pieces) == n_pieces and zlib.crc32(data) == checksum else None
+
+    def first_number(self) -> int:
+        """The number of the oldest view in the log; 0 if it is empty. Raises StoreError."""
+        with self._reading() as db:
+            return int(db.execute("SELECT COALESCE(MIN(number), 0) FROM view").fetchone()[0])
+
+    def put_removal(self, removal: Removal) -> int:
+        """Commits a removal, in place of the one with its id; a new one has id 0. Returns its id. Raises StoreError."""
+        with self._writing() as db:
+            id = removal.id or db.execute("INSERT INTO removal (data) VALUES (NULL)").lastrowid or 0
+            data = msgspec.msgpack.encode(replace(removal, id=id))
+            db.execute("INSERT OR REPLACE INTO removal VALUES (?, ?)", (id, data))
+        return id
+
+    def removals(self) -> list[Removal]:
+        """All removals, oldest first. Raises StoreError."""
+        with self._reading() as db:
+            rows = db.execute("SELECT data FROM removal ORDER BY id").fetchall()
+        return [_REMOVAL.decode(data) for (data,) in rows]
 
     def wipe(self) -> None:
         """Overwrites everything in the file that was deleted, now and from now on. Raises StoreError."""
@@ -282,6 +346,7 @@ class Store:
                 raise StoreError("other_version", f"{self.path} has format {version}, this program writes {_FORMAT}")
             if version == 0:
                 db.executescript(f"{_SCHEMA} PRAGMA user_version={_FORMAT};")
+            db.executescript(_LATER_TABLES)
         except BaseException:
             db.close()
             raise
@@ -289,6 +354,16 @@ class Store:
 
 
 _EVENT = msgspec.msgpack.Decoder(ObjectEvent)
+_REMOVAL = msgspec.msgpack.Decoder(Removal)
+_CONTENTS = msgspec.msgpack.Decoder(SnapshotContents | None)
+
+
+def _contents(data: bytes | None) -> SnapshotContents:
+    """What is known of a snapshot; that it may hold anything, if nothing is."""
+    try:
+        return (_CONTENTS.decode(data) if data else None) or SnapshotContents()
+    except msgspec.DecodeError:
+        return SnapshotContents()
 
 
 def _entry(fields: list[Any], checksum: int) -> Entry | None:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
-from surveilnav.messages import MissionStatus, ObjectRecord, ServiceState
+from surveilnav.messages import MapRemoval, MissionStatus, ObjectRecord, ServiceState
 from surveilnav.rest import Event
 from surveilnav.services.gateway.core.resources import utc
 
@@ -152,6 +152,12 @@ def process_changes(before: ServiceState | None, now: ServiceState | None) -> It
         yield "running" if now.running else "ended"
 
 
+def removal_changes(before: MapRemoval | None, now: MapRemoval | None) -> Iterable[str]:
+    """The state that a removal from the maps came to: ``running``, ``done`` or ``failed``."""
+    if now is not None and (before is None or now.state != before.state):
+        yield now.state
+
+
 def presence_changes(before: bool | None, now: bool | None) -> Iterable[str]:
     """``online``, ``offline``, of a node of a service."""
     if bool(before) != bool(now):
@@ -212,6 +218,12 @@ def process_event(change: Change[ServiceState], now_ns: int) -> Event:
     """A process that is kept running ended or was started again."""
     s = change.now
     return Event(id=_cut(change.id), what=change.what, time=utc(now_ns), restarts=s.restarts, message=_cut(s.why))
+
+
+def removal_event(change: Change[MapRemoval], now_ns: int) -> Event:
+    """What a camera or a robot has contributed is being taken out of the maps, or was, or couldn't be."""
+    r = change.now
+    return Event(id=str(r.id), what=change.what, time=utc(now_ns), source=_cut(r.source), message=_cut(r.message))
 
 
 def presence_event(change: Change[bool], now_ns: int) -> Event:

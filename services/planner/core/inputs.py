@@ -25,6 +25,7 @@ class FloorMaps:
         value: float32, relevance to the mission's target; NaN where unknown.
         revision: the number of this state of the maps.
         pending_views: how many views of this floor's cameras haven't been integrated yet.
+        removals: changes when what a source has contributed was taken out of the maps. Objects have other ids then.
     """
 
     floor: str
@@ -37,6 +38,7 @@ class FloorMaps:
     objects: Sequence[ObjectRecord]
     revision: int
     pending_views: int = 0
+    removals: int = 0
 
 
 @dataclass(frozen=True, slots=True)

@@ -57,6 +57,7 @@ def step(
     """
     state = state.copy()
     state.record_robot(robot, config)
+    state.record_removals(maps.removals)
     context = StepContext.from_inputs(state, maps, robot, config, planner, summaries, rule)
     decision = _fail_if_spent(context) or initial_scan(context) or _choose_waypoint_and_drive(context)
     state.record_decision(decision)

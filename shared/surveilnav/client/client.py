@@ -26,6 +26,8 @@ from surveilnav.client.events import ServerEvent
 from surveilnav.client.npy import array_of, rows_of
 
 if TYPE_CHECKING:
+    from datetime import datetime
+
     import numpy as np
     from numpy.typing import NDArray
 
@@ -157,12 +159,29 @@ class Client:
         return self._gateway.one(rest.Camera, "POST", f"cameras/{_id(id)}/resume")
 
     def remove_camera(self, id: str) -> None:
-        """Forgets a camera whose process has ended."""
+        """Removes a camera whose process has ended from the list."""
         self._gateway.request("DELETE", f"{rest.ROOT}/cameras/{_id(id)}")
 
     def forget_pictures(self) -> list[rest.PictureKeeper]:
         """Has all services forget past pictures, and returns what each answered."""
         return self._gateway.items(rest.PictureKeeper, "DELETE", "pictures")
+
+    # --- taking a source out of the maps ----------------------------------------------------------------------------
+
+    def remove_from_maps(
+        self, source: str, *, since: datetime | None = None, until: datetime | None = None
+    ) -> rest.Removal:
+        """Has what "camera/ID" or "robot/ID" has contributed taken out of the maps, of always or of a time span."""
+        wanted = rest.NewRemoval(source=source, since=since, until=until)
+        return self._gateway.one(rest.Removal, "POST", "removals", json=wanted.model_dump(mode="json"))
+
+    def removals(self) -> list[rest.Removal]:
+        """What was taken out of the maps, the newest first."""
+        return self._gateway.items(rest.Removal, "GET", "removals")
+
+    def removal(self, id: str) -> rest.Removal:
+        """One of them."""
+        return self._gateway.one(rest.Removal, "GET", f"removals/{_id(id)}")
 
     # --- maps and objects -------------------------------------------------------------------------------------------
 

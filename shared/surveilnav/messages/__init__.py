@@ -53,6 +53,7 @@ from surveilnav.messages.recording import (
     ReplayControl,
     ReplayStatus,
 )
+from surveilnav.messages.removal import MapRemoval, MapRemovals, RemoveFromMaps
 from surveilnav.messages.robot import ACTIONS, Command, CommandReply, Halt, HaltReply, Observation, RobotStatus, Stair
 from surveilnav.messages.truth import Judged, Truth
 from surveilnav.messages.view import MEASURED, CaptureClock, DepthSource, DepthUncertainty, FrameHeader, PayloadPart
@@ -92,6 +93,8 @@ __all__ = [
     "LayerHeader",
     "LayerPart",
     "LoggedView",
+    "MapRemoval",
+    "MapRemovals",
     "MapSnapshot",
     "MissionAck",
     "MissionCancel",
@@ -105,6 +108,7 @@ __all__ = [
     "Observation",
     "PayloadPart",
     "PicturesForgotten",
+    "RemoveFromMaps",
     "Plan",
     "RecorderStatus",
     "Recording",

@@ -221,7 +221,8 @@ class FloorMapsHeader(Message, frozen=True, kw_only=True):
 
     Attributes:
         target: what the layer ``value`` belongs to.
-        epoch: revisions of another epoch mean nothing here: fusion was restarted.
+        epoch: revisions of another epoch mean nothing here: fusion was restarted, or a removal has changed the maps.
+        removals: how many removals (``RemoveFromMaps``) the maps reflect. When it changes, the objects have other ids.
         revision: of the floor's maps.
         since: the revision that the asker has; -1: everything is here.
         object_ids: of all objects of the floor, ascending.
@@ -240,3 +241,4 @@ class FloorMapsHeader(Message, frozen=True, kw_only=True):
     object_ids: list[int]
     robots: dict[str, int]
     pending_views: int
+    removals: int = 0

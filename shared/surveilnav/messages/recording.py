@@ -19,6 +19,8 @@ class LoggedView(Message, frozen=True, kw_only=True):
         reply: perception's ``InferReply`` as MessagePack; empty if the view wasn't given to perception.
         digest: hash of pose, picture and perception's models.
         fault: why the view was refused; then header and reply are empty.
+        removals: how many removals (``RemoveFromMaps``) the maps reflect. When it changes, earlier views don't give the maps any
+            more.
     """
 
     number: int
@@ -29,6 +31,7 @@ class LoggedView(Message, frozen=True, kw_only=True):
     reply: bytes = b""
     digest: bytes = b""
     fault: str = ""
+    removals: int = 0
 
 
 class MapSnapshot(Message, frozen=True, kw_only=True):
@@ -38,6 +41,7 @@ class MapSnapshot(Message, frozen=True, kw_only=True):
         revision: number of views in the maps.
         digest: hash of the maps in hex, equal for equal maps.
         config: fusion's settings for the maps as JSON.
+        removals: as in ``LoggedView``.
     """
 
     number: int
@@ -46,6 +50,7 @@ class MapSnapshot(Message, frozen=True, kw_only=True):
     config: str = ""
     offset: int = 0
     n_bytes: int = 0
+    removals: int = 0
 
 
 class RecorderStatus(Message, frozen=True, kw_only=True):

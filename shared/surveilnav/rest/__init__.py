@@ -11,6 +11,7 @@ from surveilnav.rest.building import Building, Floor, FloorCamera, Layer, Object
 from surveilnav.rest.cameras import AccessRecord, Camera, CameraCone, CameraStream, CameraView, PictureKeeper
 from surveilnav.rest.missions import FINISHED_STATES, Mission, MissionPlan, MissionTraffic, NewMission, Place
 from surveilnav.rest.recordings import Recorder, Recording, Replay, ReplayChange
+from surveilnav.rest.removals import NewRemoval, Removal
 from surveilnav.rest.robots import Robot, RobotHalt, StageTimes, Target, Worker
 from surveilnav.rest.sightings import SearchedCamera, SearchedRoom, Sighting, Sightings, SightingsRequest
 from surveilnav.rest.streams import LIVE_RESOURCES, Event, LiveState, StreamData, Tile, TileState
@@ -38,6 +39,7 @@ __all__ = [
     "MissionPlan",
     "MissionTraffic",
     "NewMission",
+    "NewRemoval",
     "NodeTraffic",
     "Object",
     "ObjectEvent",
@@ -46,6 +48,7 @@ __all__ = [
     "Readiness",
     "Recorder",
     "Recording",
+    "Removal",
     "Replay",
     "ReplayChange",
     "Resource",

@@ -12,6 +12,7 @@ from surveilnav.rest.building import Building, Floor, Object
 from surveilnav.rest.cameras import Camera
 from surveilnav.rest.missions import Mission, MissionPlan, MissionTraffic
 from surveilnav.rest.recordings import Recorder, Replay
+from surveilnav.rest.removals import Removal
 from surveilnav.rest.robots import Robot, Worker
 from surveilnav.rest.system import Readiness, Service, SourceTraffic, Traffic
 
@@ -31,6 +32,7 @@ LIVE_RESOURCES: dict[str, type[BaseModel]] = {
     "object": Object,
     "traffic": SourceTraffic,
     "replay": Replay,
+    "removal": Removal,
 }
 
 
@@ -44,13 +46,14 @@ class StreamData(BaseModel):
 class Event(StreamData):
     """Something that happened. Fields that don't belong to its kind are left out of the JSON."""
 
-    id: str = Field(default="", description="of the mission, object, camera, robot, process or node")
+    id: str = Field(default="", description="of the mission, object, camera, robot, process, node or removal")
     what: str = Field(default="", description="what happened to it")
     time: datetime | None = Field(default=None, description="when the gateway heard of it")
     floor: Text = None
     target: Text = None
     label: Text = None
     robot: Text = None
+    source: Text = None
     state: Text = None
     phase: Text = None
     step: int | None = None

@@ -27,6 +27,7 @@ from surveilnav.messages import (
     FrameHeader,
     InferReply,
     Observation,
+    RemoveFromMaps,
     RobotStatus,
     TextReply,
     WorkerLoad,
@@ -107,6 +108,7 @@ class Camera:
         self.frames = [node.publisher(contract.CAMERA_FRAME, floor=floor, camera=name, view=i) for i in range(n_views)]
         self.asked: list[list[int]] = []
         self.encoded: dict = {}
+        self.paused = False
         place = {"floor": floor, "camera": name}
         node.serve(contract.CAMERA_INFO, lambda _: Answer(self.info()), **place)
         node.serve(contract.CAMERA_REQUEST, self._on_request, **place)
@@ -135,6 +137,8 @@ class Camera:
         self.frames[view].put(*self.frame(view))
 
     def _on_request(self, request) -> Answer:
+        if self.paused:
+            raise Refused("paused", "a person has paused it")
         self.asked.append(list(request.message.views))
         for view in request.message.views:
             self.send(view)
@@ -686,3 +690,174 @@ def test_where_a_robot_stands_is_followed_on_the_last_floor_that_there_is_room_f
     for x in (1.0, 1.5):
         scene.robot.observe(x=x)
         until(lambda x=x: (p := scene.service._intake.positions.latest_on("0")) and p.x_m == pytest.approx(x))
+
+
+# --- taking a source out of the maps --------------------------------------------------------------------------------
+
+
+def remove(scene, source: str, **span):
+    request = RemoveFromMaps(stamp_ns=clock_ns(), source=source, **span)
+    return scene.client.ask(contract.REMOVE_FROM_MAPS, request, fusion="fusion").message
+
+
+def newest_removal(scene):
+    """The newest removal, as fusion tells it now; None if it isn't there, or there is none."""
+    got = scene.client.ask_all(contract.MAP_REMOVALS, timeout_s=1.0)
+    return got[0].message.removals[-1] if got and got[0].message.removals else None
+
+
+def all_answers(scene, target="bed"):
+    """What fusion answers about its floor: layers, cloud with provenance in a fixed order, and objects."""
+    told = {}
+    for name in ("occupancy", "explored", "frontier", "value"):
+        header, array = scene.layer(name, **({"target": target} if name == "value" else {}))
+        told[name] = header.grid, header.revision, array.tobytes()
+    (_, cloud), (header, lines) = scene.layer("cloud"), scene.layer("provenance")
+    order = np.lexsort(cloud.T)
+    told["cloud"] = cloud[order].tobytes(), lines[order].tobytes(), header.source_sets
+    told["objects"] = scene.client.ask(contract.OBJECTS, floor="0", parameters={"history": "all"}).message.objects
+    return told
+
+
+def answers_of(joint: JointMap):
+    """The same of a joint map."""
+    text = unpack_embedding(pack_embedding(np.array([0.6, 0.8, 0, 0], np.float32)))
+    revision, told = joint.floor_revision("0"), {}
+    for name in ("occupancy", "explored", "frontier", "value"):
+        grid, array = joint.layer("0", name, text)
+        told[name] = grid, revision, array.tobytes()
+    cloud, lines = joint.layer("0", "cloud")[1], joint.layer("0", "provenance")[1]
+    order = np.lexsort(cloud.T)
+    told["cloud"] = cloud[order].tobytes(), lines[order].tobytes(), joint.source_sets("0")
+    told["objects"] = joint.objects("0")
+    return told
+
+
+class Undisturbed:
+    """Maps that never got the camera, and those of a scene that did."""
+
+    def __init__(self, scene) -> None:
+        self.scene, self.worker, self.camera = scene, scene.worker(), scene.camera()
+        self.joint = JointMap()
+
+    def accept(self, header, payload) -> None:
+        reply = self.worker.reply(header.source, header.view, header.seq)
+        self.joint.accept(decode_frame(header, payload), perception_from_wire(reply, CAMERA))
+
+    def robot_looks(self, yaw: float) -> None:
+        seq = self.scene.robot.observe(yaw=yaw)
+        until(lambda: self.scene.holds(seq), timeout_s=60)
+        self.accept(*self.scene.robot.last)
+
+    def camera_looks(self) -> None:
+        until(lambda: self.camera.invoked, timeout_s=20)
+        for view in (0, 1):
+            self.camera.send(view)
+        until(
+            lambda: (r := self.scene.revision()) and r.cameras and r.cameras[0].views_processed == 2,
+            timeout_s=20,
+        )
+
+
+def test_a_camera_is_taken_out_while_views_keep_coming(scene, tmp_path):
+    """The old maps answer meanwhile, no observation is lost, and the camera is looked through anew when it looks again."""
+    undisturbed = Undisturbed(scene)
+    worker, camera = undisturbed.worker, undisturbed.camera
+    scene.start(store=str(tmp_path / "fusion.sqlite"), snapshot_views=4)
+    undisturbed.robot_looks(0.0)
+    undisturbed.camera_looks()
+    for k in range(1, 9):
+        undisturbed.robot_looks(0.3 * k)
+    camera.paused = True
+    with pytest.raises(Refused, match=r"robot/r.*camera/c|camera/c.*robot/r") as refused:
+        remove(scene, "camera/nobody")
+    assert refused.value.name == "unknown_source"
+    assert remove(scene, "camera/c").way == "replay"
+    k = 9
+    while newest_removal(scene).state == "running" or k < 12:
+        undisturbed.robot_looks(0.3 * k)  # a mission goes on
+        assert scene.layer("occupancy")[0].revision
+        k += 1
+    assert newest_removal(scene).state == "done"
+    assert all_answers(scene) == answers_of(undisturbed.joint)
+    asked = len([s for s in worker.seen if s[0] == "camera/c"])
+    camera.paused = False
+    camera.encoded.clear()
+    for view in (0, 1):
+        camera.send(view)
+        until(lambda view=view: ("camera/c", view, 0) in worker.seen[asked:])
+        until(lambda view=view: scene.revision().cameras[0].views_processed > view)
+    assert any("camera/c" in members for members in scene.layer("provenance")[0].source_sets)
+
+
+def test_a_camera_that_is_taken_out_and_still_looks_is_asked_for_its_views_again(scene, tmp_path):
+    undisturbed = Undisturbed(scene)
+    scene.start(store=str(tmp_path / "fusion.sqlite"), resend_after_s=60.0)
+    undisturbed.robot_looks(0.0)
+    undisturbed.camera_looks()
+    undisturbed.camera.asked.clear()
+    remove(scene, "camera/c")
+    until(lambda: undisturbed.camera.asked == [[0, 1]])
+    until(lambda: scene.revision().cameras[0].views_processed == 2)
+
+
+def test_the_mission_of_a_robot_that_is_taken_out_goes_on(scene, tmp_path):
+    """Its observations count as processed, though the maps don't hold them any more; what it sees next enters them."""
+    undisturbed = Undisturbed(scene)
+    undisturbed.camera.paused = True
+    scene.start(store=str(tmp_path / "fusion.sqlite"))
+    for k in range(3):
+        undisturbed.robot_looks(0.3 * k)
+    remove(scene, "robot/r")
+    until(lambda: newest_removal(scene).state == "done")
+    scene.robot.repeat()
+    until(lambda: (r := ask_revision(scene)) and (r.revision, r.robots) == (0, {"r": 3}))
+    assert not scene.layer("explored")[1].any(), "empty maps of its floor"
+    undisturbed.joint = JointMap()
+    undisturbed.robot_looks(1.0)
+    assert all_answers(scene) == answers_of(undisturbed.joint)
+
+
+def test_without_a_file_the_source_is_taken_out_by_provenance(scene):
+    undisturbed = Undisturbed(scene)
+    scene.start()
+    undisturbed.robot_looks(0.0)
+    undisturbed.camera_looks()
+    undisturbed.camera.paused = True
+    told = remove(scene, "camera/c")
+    assert (told.way, told.state) == ("provenance", "done")
+    assert "camera/c alone" in told.message
+    assert not any(
+        "camera/c" in m
+        for m in np.array(scene.layer("provenance")[0].source_sets, object)[
+            np.unique(scene.layer("provenance")[1][:, 0])
+        ]
+    )
+    with pytest.raises(Refused, match="end of the time span"):
+        remove(scene, "camera/c", since_ns=2, until_ns=1)
+    with pytest.raises(Refused, match="expected camera/ID"):
+        remove(scene, "c")
+
+
+@pytest.mark.slow
+def test_killed_while_a_camera_is_taken_out_it_is_out_afterwards(scene, process):
+    """Killed again and again: during the replay, and while it starts."""
+    rng = random.Random(3)
+    undisturbed = Undisturbed(scene)
+    fusion = process(snapshot_views=5)
+    until(lambda: "fusion" in scene.client.alive("fusion"), timeout_s=60)
+    undisturbed.robot_looks(0.0)
+    undisturbed.camera_looks()
+    for k in range(1, 22):
+        undisturbed.robot_looks(0.3 * k)
+    undisturbed.camera.paused = True
+    assert remove(scene, "camera/c").state == "running"
+    for delay_s in (rng.uniform(0.0, 0.15), 0.8, 1.5):
+        time.sleep(delay_s)
+        fusion.kill()
+        fusion.start()
+    until(lambda: ask_revision(scene), timeout_s=60)
+    until(lambda: (r := newest_removal(scene)) and r.state == "done", timeout_s=20)
+    scene.robot.repeat()
+    undisturbed.robot_looks(0.1)
+    assert all_answers(scene) == answers_of(undisturbed.joint)

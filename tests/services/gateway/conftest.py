@@ -179,10 +179,47 @@ class FakeBuilding:
     def _fusion(self) -> None:
         self._revision = self.fusion.publisher(contract.MAP_REVISION, floor="0")
         self.fusion.serve(contract.MAP_LAYER, self._layer)
+        self.removals: list[m.MapRemoval] = []
+        self._removals = self.fusion.publisher(contract.MAP_REMOVALS, fusion="f1")
+        self.fusion.serve(contract.REMOVE_FROM_MAPS, self._remove, fusion="f1")
+        self.fusion.serve(contract.MAP_REMOVALS, lambda _: Answer(self._told_removals()), fusion="f1")
         self.fusion.serve(contract.FORGET_PICTURES, self._forget, keeper="f1")
         self.fusion.serve(contract.OBJECTS, self._objects)
         self.fusion.serve(contract.VIEW_PICTURE, self._picture)
         self.fusion.serve(contract.MAP_REVISION, lambda _: Answer(self._held(), ids={"floor": "0"}))
+
+    def _remove(self, request: Request) -> Answer:
+        wanted: m.RemoveFromMaps = request.message
+        if wanted.source not in ("camera/c1", "robot/r1"):
+            raise Refused("unknown_source", f"the maps hold no views of {wanted.source}")
+        if self.removals and self.removals[-1].state == "running":
+            raise Refused("busy", "camera/c1 is still being removed: try again")
+        removal = m.MapRemoval(
+            stamp_ns=clock_ns(),
+            id=len(self.removals) + 1,
+            source=wanted.source,
+            since_ns=wanted.since_ns,
+            until_ns=wanted.until_ns,
+            way="replay",
+            state="running",
+            views_done=3,
+            views_total=12,
+        )
+        self.put_removal(removal)
+        return Answer(removal)
+
+    def put_removal(self, removal: m.MapRemoval) -> None:
+        """Publishes a removal, in place of the one with its id."""
+        self.removals = [*(r for r in self.removals if r.id != removal.id), removal]
+        self._removals.put(self._told_removals())
+
+    def finish_removal(self, state: str = "done") -> None:
+        message = "the maps were computed again" if state == "done" else "the log can't be replayed"
+        ended = {"state": state, "message": message, "finished_ns": clock_ns()}
+        self.put_removal(msgspec.structs.replace(self.removals[-1], **ended))
+
+    def _told_removals(self) -> m.MapRemovals:
+        return m.MapRemovals(stamp_ns=clock_ns(), removals=list(self.removals))
 
     def _held(self) -> m.Revision:
         return m.Revision(

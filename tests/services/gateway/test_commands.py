@@ -88,7 +88,7 @@ def test_an_id_needs_only_its_beginning(typed, mission):
     [
         (("missions", "show", "nobody"), "unknown_mission", "`surveilnav missions` lists them"),
         (("cameras", "pause", "nobody"), "unknown_camera", "there are c1"),
-        (("cameras", "forget", "c1"), "camera_present", ""),
+        (("cameras", "remove", "c1"), "camera_present", ""),
         (("map", "heat"), "unknown_layer", "occupancy, explored, frontier, value"),
         (("map", "--floor", "9"), "unknown_floor", "9"),
         (("find", "unicorn"), "bad_target", ""),
@@ -110,7 +110,7 @@ def test_status_and_traffic_name_everybody(typed, client):
     code, out, _ = typed("status")
     assert (code, "c1" in out, "perception (1)" in out) == (0, True, True)
     told = json.loads(typed("status", "--json")[1])
-    assert set(told) == {"services", "robots", "cameras", "perception", "missions"}
+    assert set(told) == {"services", "robots", "cameras", "perception", "missions", "removals"}
     code, out, _ = typed("traffic", "--nodes")
     assert (code, "gateway/" in out) == (0, True)
     assert set(json.loads(typed("traffic", "--json")[1])) == set(client.get("/api/v1/traffic").json())

@@ -165,6 +165,31 @@ def test_confirmed_comes_first_and_dismissed_stays_out(make_record):
     assert [o.id for o in promising([seen], state, CONFIG)] == [3]
 
 
+def test_after_a_source_was_taken_out_of_the_maps_object_ids_mean_other_objects(make_record):
+    state = MissionState("chair")
+    state.here.dismissed[2] = DismissedObject(3.0, 3.0, "no")
+    state.here.record_inspection(2, 3)
+    state.here.record_extra_look(2)
+    state.here.oscillations[2] = 2
+    state.here.accepted_object, state.here.is_searched = 2, True
+    state.waypoint = CurrentWaypoint("candidate", 3.0, 3.0, None, 1, object_id=2)
+    before = state.copy()
+    state.record_removals(0)
+    assert state == before, "nothing was taken out"
+    state.record_removals(1)
+    here = state.here
+    assert (here.accepted_object, here.inspection_turns, here.extra_looks, here.oscillations) == (None, {}, {}, {})
+    assert (state.waypoint, here.is_searched) == (None, False)
+    other, same_place = make_record(id=2, confidence=0.9, at=(7, 7)), make_record(id=1, confidence=0.9, at=(3, 3))
+    assert [o.id for o in promising([other, same_place], state, CONFIG)] == [2], (
+        "its place stays dismissed, its id doesn't"
+    )
+    assert MissionState.from_json(state.to_json()) == state
+    state.waypoint = CurrentWaypoint("frontier", 3.0, 3.0, None, 1)
+    state.record_removals(2)
+    assert state.waypoint is not None
+
+
 @pytest.mark.parametrize("low", [0.2, 0.1])
 def test_views_that_disagree_do_not_turn_the_robot_to_and_fro(world, thing, low):
     """A candidate that is promising in every other view: the robot is on its way to it or it isn't."""

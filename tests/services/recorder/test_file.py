@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import random
 import signal
 import subprocess
 import sys
@@ -18,7 +19,9 @@ from surveilnav.services.recorder import file as file_module
 from surveilnav.services.recorder.core.foxglove import FoxgloveConverter
 from surveilnav.services.recorder.file import RecordingFile
 from surveilnav.services.recorder.folder import is_being_written
+from surveilnav.services.recorder.intact import Damage, _read_index
 from surveilnav.services.recorder.reading import RecordingError, cameras_of_complete, records, target_of
+from surveilnav.services.recorder.recorded import RecordedDamage, RecordedEnd, RecordedMessage, read_recording
 
 MAPS = os.urandom(50_000)
 
@@ -214,3 +217,76 @@ def test_a_disk_that_fills_leaves_whole_chunks(tmp_path, tools, monkeypatch):
     assert 0 < len(messages(path)) == len(written) * 5
     assert path.stat().st_size < 60_000
     assert not is_being_written(path)
+
+
+def flipped(whole, path, seed: int, n: int, lowest: int = 8) -> None:
+    """A copy of a file with ``n`` bits flipped at random, from byte ``lowest`` on."""
+    data, chance = bytearray(whole.read_bytes()), random.Random(seed)
+    for _ in range(n):
+        data[chance.randrange(lowest, len(data))] ^= 1 << chance.randrange(8)
+    path.write_bytes(data)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_with_bits_flipped_at_random_all_whole_chunks_are_read_and_the_rest_is_told_of(whole, tmp_path, seed):
+    """What is read and what is told to be damaged are together all of it; no message is made up."""
+    path, everything = tmp_path / "a.mcap", summary_of(whole)
+    flipped(whole, path, seed, 1 + seed % 5)
+    found, damages = summary_of(path), [r for r in records(path) if isinstance(r, Damage)]
+    real = [r for r in everything if isinstance(r, tuple)]
+    messages = [r for r in found if isinstance(r, tuple)]
+    assert set(messages) <= set(real)
+    assert messages == [r for r in real if r in set(messages)], "in their order"
+    with whole.open("rb") as stream:
+        chunks = make_reader(stream).get_summary().chunk_indexes
+    has_index = _read_index(path.open("rb")).records != {}
+    if has_index:
+        lost = {
+            (c.message_start_time, c.message_end_time)
+            for c in chunks
+            if c.chunk_start_offset in {d.offset for d in damages}
+        }
+        expected = [r for r in real if not any(begin <= r[1] <= end for begin, end in lost)]
+        assert [r for r in messages if r in expected] == expected, "a whole chunk isn't read"
+        assert lost <= {(d.start_ns, d.end_ns) for d in damages}
+    assert bool(damages) or len(messages) == len(real) or not has_index
+
+
+def test_a_damaged_chunk_costs_that_chunk(whole, tmp_path):
+    path, everything = tmp_path / "a.mcap", summary_of(whole)
+    with whole.open("rb") as stream:
+        chunks = sorted(make_reader(stream).get_summary().chunk_indexes, key=lambda c: c.chunk_start_offset)
+    assert len(chunks) == 6
+    data = bytearray(whole.read_bytes())
+    for chunk in (chunks[0], chunks[3]):
+        data[chunk.chunk_start_offset + 60 + chunk.compressed_size // 2] ^= 4
+    data[chunks[4].chunk_start_offset + 3] ^= 64  # its length
+    path.write_bytes(data)
+    damages = [r for r in records(path) if isinstance(r, Damage)]
+    assert [d.offset for d in damages] == [chunks[0].chunk_start_offset, chunks[3].chunk_start_offset]
+    found = [r for r in summary_of(path) if isinstance(r, tuple)]
+    assert 0 < len(found) < len([r for r in everything if isinstance(r, tuple)])
+    assert {r[1] for r in found} >= {chunks[k].message_end_time for k in (1, 2, 4, 5)}
+    heard = [t for t in read_recording(path) if isinstance(t, RecordedMessage)]
+    assert heard, "the channels that the first chunk declared are known from the index"
+    assert sum(isinstance(t, RecordedDamage) for t in read_recording(path)) == 2
+    assert isinstance(list(read_recording(path))[-1], RecordedEnd)
+
+
+def test_damaged_maps_are_no_maps(whole, tmp_path):
+    path, data = tmp_path / "a.mcap", bytearray(whole.read_bytes())
+    data[data.index(MAPS[:64]) + 20_000] ^= 1
+    path.write_bytes(data)
+    assert not [r for r in records(path) if isinstance(r, Attachment)]
+    assert [r.n_bytes > 50_000 for r in records(path) if isinstance(r, Damage)] == [True]
+
+
+def test_of_a_file_that_was_cut_off_a_damaged_chunk_is_skipped_by_its_length(whole, tmp_path):
+    path, data = tmp_path / "a.mcap", bytearray(whole.read_bytes())
+    with whole.open("rb") as stream:
+        chunks = sorted(make_reader(stream).get_summary().chunk_indexes, key=lambda c: c.chunk_start_offset)
+    data[chunks[2].chunk_start_offset + 60 + chunks[2].compressed_size // 2] ^= 4
+    path.write_bytes(data[: chunks[5].chunk_start_offset + 100])
+    times = {r[1] for r in summary_of(path) if isinstance(r, tuple)}
+    assert times >= {chunks[k].message_end_time for k in (0, 1, 3, 4)}
+    assert chunks[2].message_end_time not in times

@@ -32,7 +32,7 @@ class Fakes:
         self.fusion, self.planner, self.camera = (Node(k, k, self.bus) for k in ("fusion", "planner", "camera"))
         self.log: list[int] = []
         self.snapshot, self.held, self.asked, self.told = b"the maps", True, 0, 0
-        self.mapped = True
+        self.mapped, self.removals = True, 0
 
     def __enter__(self) -> Fakes:
         for node in (self.fusion, self.planner, self.camera):
@@ -56,17 +56,20 @@ class Fakes:
         newest = max(self.log, default=0)
         later = [n for n in self.log if n > after]
         if not later:
-            return Answer(m.LoggedView(stamp_ns=1, number=0, newest=newest))
+            return Answer(m.LoggedView(stamp_ns=1, number=0, newest=newest, removals=self.removals))
         view, payload = self.tools.logged(later[0])
         self.told += 1
-        return Answer(msgspec.structs.replace(view, newest=newest), payload)
+        return Answer(msgspec.structs.replace(view, newest=newest, removals=self.removals), payload)
 
     def _snapshot(self, request: Request) -> Answer:
         self.asked += 1
         if not self.mapped:
             raise Refused("too_large", "maps that no message holds")
         number, said = max(self.log, default=0), request.parameters
-        header = m.MapSnapshot(stamp_ns=1, number=number, revision=number, digest=f"digest-{number}", config="{}")
+        digest = f"digest-{number}" + (f"-{self.removals}" if self.removals else "")
+        header = m.MapSnapshot(
+            stamp_ns=1, number=number, revision=number, digest=digest, config="{}", removals=self.removals
+        )
         if said.get("only") == "digest":
             return Answer(header)
         offset = int(said.get("offset", "0"))
@@ -236,6 +239,26 @@ def test_views_that_are_lost_are_made_good_by_new_maps(bus, recorder):
     recorder.turn_until(lambda: recorder.views() == [9])
     bus.log = [1]  # fusion began anew
     recorder.turn_until(lambda: len([t for t in recorder.items() if isinstance(t, RecordedMaps)]) == 3)
+
+
+@pytest.mark.parametrize("when", ["in between", "at the end"])
+def test_after_a_source_was_taken_out_of_the_maps_a_recording_goes_on_from_the_new_maps(bus, recorder, when):
+    bus.log = [1, 2]
+    bus.put_status("m1", "active")
+    recorder.turn_until(lambda: bus.asked >= 1)
+    bus.log += [3]
+    recorder.turn_until(lambda: bus.told == 1)
+    bus.removals = 1
+    if when == "in between":
+        recorder.turn_until(lambda: bus.asked >= 2)
+        bus.log += [4]
+        recorder.turn_until(lambda: bus.told == 2)
+    bus.put_status("m1", "done")
+    recorder.turn_until(lambda: recorder.states() == {"m1": "complete"})
+    number = max(bus.log)
+    assert [t.number for t in recorder.items() if isinstance(t, RecordedMaps)] == [2, 3]
+    (end,) = [t for t in recorder.items() if isinstance(t, RecordedEnd)]
+    assert end.facts["digest"] == f"digest-{number}-1"
 
 
 def test_while_fusion_is_away_all_else_is_recorded_and_it_is_said(bus, recorder):

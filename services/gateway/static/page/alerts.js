@@ -33,6 +33,7 @@ function found(now) {
   for (const s of all("service")) if (s.given_up) add(`service ${s.id}`, "bad", `${s.id} ended too often (${s.why ?? "no reason known"}) and isn't started any more`, s.restarted);
   for (const r of all("recorder")) if (r.problem && !r.stale) add(`recorder ${r.id}`, "warn", `Not everything is recorded: ${r.problem}`, null);
   for (const f of all("floor")) if (f.perception_ok === false && !f.stale) add(`floor ${f.id}`, "warn", f.message || `Perception doesn't answer for floor ${f.id}`, null);
+  for (const r of all("removal")) if (r.state === "running") add(`removal ${r.id}`, "warn", `${r.source} is being taken out of the maps${r.views_total ? `: ${r.views_done} of ${r.views_total} views` : ""}. The old maps serve meanwhile`, r.requested);
   return list;
 }
 

@@ -6,6 +6,7 @@ import { MapPanel } from "./map/panel.js";
 import { CameraPanel } from "./panels/cameras.js";
 import { MissionPanel } from "./panels/missions.js";
 import { ObjectPanel } from "./panels/objects.js";
+import { RemovalDialog } from "./panels/removal.js";
 import { TrafficPanel } from "./panels/traffic.js";
 import { Replay } from "./replay.js";
 import { Toasts } from "./toasts.js";
@@ -27,5 +28,6 @@ export function App() {
       <div class="column right"><${CameraPanel} /><${ObjectPanel} /></div>
     </main>
     <${Jumps} />
+    <${RemovalDialog} />
     <${Toasts} />`;
 }

@@ -100,6 +100,16 @@ class FloorMemory:
         self.is_searched = True
         self.best_remaining_chance = best_remaining_chance
 
+    def forget_objects(self) -> None:
+        """Forgets what it remembers of objects by their ids, which mean other objects now. Dismissed places stay dismissed."""
+        self.dismissed = {
+            -k: dismissed for k, dismissed in enumerate(self.dismissed.values(), 1)
+        }  # no object has these ids
+        for by_object in (self.inspection_turns, self.extra_looks, self.oscillations):
+            by_object.clear()
+        self.accepted_object = None
+        self.is_searched, self.best_remaining_chance = False, 0.0
+
     def copy(self) -> FloorMemory:
         """A copy whose containers are its own."""
         return replace(

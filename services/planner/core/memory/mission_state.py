@@ -36,6 +36,7 @@ class MissionState:
         stairs_command: set while the robot is taking stairs.
         changes: all stairs taken.
         unreachable_why: why a confirmed target couldn't be reached, for the final message; empty: none was missed.
+        removals: what the maps said of removals (``FloorMaps.removals``) at the last step.
     """
 
     target: str
@@ -53,6 +54,7 @@ class MissionState:
     changes: list[FloorChange] = field(default_factory=list)
     unreachable_why: str = ""
     finished: bool = False
+    removals: int = 0
 
     def __post_init__(self) -> None:
         self.floors.setdefault(self.floor, FloorMemory())
@@ -74,6 +76,16 @@ class MissionState:
     def from_json(cls, data: bytes) -> MissionState:
         """The state that ``to_json`` wrote. Raises msgspec.DecodeError if it isn't one."""
         return msgspec.json.decode(data, type=cls)
+
+    def record_removals(self, removals: int) -> None:
+        """Forgets all object ids if a source was taken out of the maps since the last step, because they mean other objects."""
+        if removals == self.removals:
+            return
+        self.removals = removals
+        for memory in self.floors.values():
+            memory.forget_objects()
+        if self.waypoint is not None and self.waypoint.object_id is not None:
+            self.waypoint = None
 
     # --- where the robot is ---------------------------------------------------------------------------------------
 

@@ -5,109 +5,15 @@ from __future__ import annotations
 import sqlite3
 import threading
 
-import msgspec
 import numpy as np
 import pytest
-import structlog
 
-from surveilnav.geometry import Pose
-from surveilnav.messages import FrameHeader, InferReply
-from surveilnav.sensing.packing import decode_frame, encode_rgbd
-from surveilnav.sensing.replies import perception_from_wire, perception_to_wire
-from surveilnav.sensing.views import DetectedObject
-from surveilnav.services.fusion.building_maps import BuildingMaps
-from surveilnav.services.fusion.config import FusionSettings
 from surveilnav.services.fusion.core.snapshot import dump
 from surveilnav.services.fusion.map_log import snapshots
-from surveilnav.services.fusion.map_log.log import LogState, MapLog
+from surveilnav.services.fusion.map_log.log import LogState
 from surveilnav.services.fusion.map_log.store import Store, StoreError
 from surveilnav.services.fusion.perceived import PerceivedView
-
-RANGE_M = (0.1, 10.0)
-
-
-class FakeNode:
-    """What the maps need of a node: a place to complain to."""
-
-    def __init__(self) -> None:
-        self.said: list[str] = []
-        self.rejected: list[str] = []
-        self.stopping = threading.Event()
-        self.log = structlog.wrap_logger(None, processors=[self._hear])
-
-    def _hear(self, _, method, event):
-        self.said.append(event["event"])
-        raise structlog.DropEvent
-
-    def reject(self, where: str, why: str) -> None:
-        self.rejected.append(where)
-
-    def warn_seldom(self, event: str, **facts: object) -> None:
-        self.said.append(event)
-
-
-class Run:
-    """Fusion's maps on a file, started as often as wanted."""
-
-    def __init__(self, path, tools, **settings) -> None:
-        self.path, self.tools = path, tools
-        self.settings = settings
-        self.world = tools.world(boxes={"sofa": ((3.0, 1.0, 0.0), (4.6, 1.9, 0.8))})
-        self.start()
-
-    def start(self, keep_pictures_s=None, **settings) -> BuildingMaps:
-        self.node = FakeNode()
-        options = {"store": str(self.path), "retry_s": 1e-6} | self.settings | settings
-        config = FusionSettings(**options)
-        self.maps = BuildingMaps(config.core())
-        self.log = MapLog(self.node, config, self.maps, keep_pictures_s)
-        return self.maps
-
-    def view(self, seq: int, source: str = "robot/r", x: float = 1.0) -> PerceivedView:
-        kind = {"height": 1.8} if source.startswith("camera/") else {}
-        v = self.world.view(x + 0.1 * (seq % 20), 2, 0.05 * seq, -0.2, source=source, seq=seq, **kind)
-        payload, image, depth = encode_rgbd(v.rgb, v.depth_m, depth_range_m=RANGE_M)
-        header = FrameHeader(
-            stamp_ns=10**9 * seq,
-            source=source,
-            view=0,
-            seq=seq,
-            floor="0",
-            camera=v.camera,
-            depth_range_m=RANGE_M,
-            T_world_camera=Pose.from_matrix(v.T_world_camera),
-            mounting_offset_m=v.mounting_offset_m,
-            image=image,
-            depth=depth,
-        )
-        chair = DetectedObject("couch", 0.6, (20.0, 40.0, 120.0, 110.0), None, self.tools.unit(seq % 3))
-        detections, embedding = perception_to_wire(self.tools.seen(chair, image=self.tools.unit(seq % 4)))
-        reply = InferReply(
-            stamp_ns=1,
-            worker="w",
-            backend="b",
-            source=source,
-            view=0,
-            seq=seq,
-            detections=detections,
-            image_embedding=embedding,
-        )
-        return PerceivedView(
-            (source, 0),
-            header,
-            decode_frame(header, payload),
-            perception_from_wire(reply, v.camera),
-            payload,
-            msgspec.msgpack.encode(reply),
-            bytes([seq % 256]) * 16,
-        )
-
-    def take(self, *seqs: int) -> None:
-        for seq in seqs:
-            self.log.integrate([self.view(seq)])
-
-    def close(self) -> None:
-        self.log.close()
+from tests.fusion_run import Run
 
 
 def log_size(store):
@@ -225,9 +131,10 @@ def corrupt(path, statement: str, *values) -> None:
     db.close()
 
 
+@pytest.mark.parametrize("log_views", [0, 1000])
 @pytest.mark.parametrize("views", [5, 14])  # one snapshot, or two and a log that was pruned
-def test_a_damaged_snapshot_costs_time_and_no_view(run, views):
-    r = run(snapshot_views=4)
+def test_a_damaged_snapshot_costs_time_and_no_view(run, views, log_views):
+    r = run(snapshot_views=4, log_views=log_views)
     for seq in range(1, views + 1):
         r.take(seq)
         r.log._snapshots.wait()
@@ -300,7 +207,7 @@ def test_another_version_or_another_voxel_size_is_set_aside_and_said(run):
 
 def test_the_file_stays_bounded(run):
     """Two snapshots, the log since the older one, and room for a third snapshot while it is written."""
-    r = run(snapshot_views=10, max_events=50)
+    r = run(snapshot_views=10, max_events=50, log_views=0)
     for seq in range(1, 121):
         r.take(seq)
         r.log._snapshots.wait()
@@ -456,7 +363,7 @@ def test_a_snapshot_that_cannot_be_made_is_said(run):
 
 @pytest.mark.parametrize("when", ["pruned", "begun anew"])
 def test_lost_snapshots_are_kept_for_whoever_can_repair_them(run, when):
-    r = run(snapshot_views=4 if when == "pruned" else 100)
+    r = run(snapshot_views=4 if when == "pruned" else 100, log_views=0)
     for seq in range(1, 12):
         r.take(seq)
         r.log._snapshots.wait()
@@ -469,7 +376,7 @@ def test_lost_snapshots_are_kept_for_whoever_can_repair_them(run, when):
     r.start()
     assert "snapshots_lost" in r.node.said
     copy = Store(r.path.with_name("fusion.sqlite.snapshots_lost"))
-    assert [data for _, data in copy.snapshots()] == [None] * (2 if when == "pruned" else 1)
+    assert [read() for _, _, read in copy.snapshots()] == [None] * (2 if when == "pruned" else 1)
     copy.close()
     assert 0 < r.maps.joint.revision < 11  # what the log still holds
     r.take(20)

@@ -8,6 +8,7 @@ import { chooseCamera, selection } from "../map/selection.js";
 import { all } from "../store.js";
 import { tileOf, wantTile } from "../tiles.js";
 import { attempt } from "../toasts.js";
+import { askRemoval } from "./removal.js";
 import { html, useEffect, useRef, useState } from "../ui.js";
 
 /** Whether an element is on the screen. */
@@ -63,9 +64,10 @@ function State({ camera: c, state }) {
 }
 
 function Buttons({ camera: c, state }) {
-  const forget = () => attempt(() => remove(`cameras/${part(c.id)}`), `Forgot camera ${c.id}.`);
+  const drop = () => attempt(() => remove(`cameras/${part(c.id)}`), `Camera ${c.id} isn't listed any more. The maps keep what it saw.`);
   const pause = () => attempt(() => post(`cameras/${part(c.id)}/${c.paused ? "resume" : "pause"}`), `Camera ${c.id} ${c.paused ? "looks again" : "is paused"}.`);
-  if (c.stale) return html`<button class="icon small" onClick=${forget} disabled=${state === "stale"} title="Forget it" aria-label="Forget camera ${c.id}"><${Icon} name="close" size="13" /></button>`;
+  const erase = html`<button class="icon small" onClick=${() => askRemoval(`camera/${c.id}`)} title="Take out of the maps" aria-label="Take camera ${c.id} out of the maps"><${Icon} name="erase" size="13" /></button>`;
+  if (c.stale) return html`${erase}<button class="icon small" onClick=${drop} disabled=${state === "stale"} title="Remove from the list" aria-label="Remove camera ${c.id}"><${Icon} name="close" size="13" /></button>`;
   const name = c.paused ? "Resume" : "Pause";
-  return html`<button class="icon small" onClick=${pause} title=${name} aria-label="${name} camera ${c.id}"><${Icon} name=${c.paused ? "play" : "pause"} size="13" /></button>`;
+  return html`${erase}<button class="icon small" onClick=${pause} title=${name} aria-label="${name} camera ${c.id}"><${Icon} name=${c.paused ? "play" : "pause"} size="13" /></button>`;
 }

@@ -1,0 +1,128 @@
+"""Taking what a camera or a robot has contributed out of the maps again; the routes ``/removals``."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+
+from fastapi import APIRouter
+
+from surveilnav import contract
+from surveilnav.bus import clock_ns
+from surveilnav.errors import SurveilNavError
+from surveilnav.messages import MapRemoval, RemoveFromMaps
+from surveilnav.rest import ROOT, Items, NewRemoval, Removal
+from surveilnav.services.gateway.bus_requests import absent, request
+from surveilnav.services.gateway.core.problems import Problem
+from surveilnav.services.gateway.core.resources import resource_from, utc
+from surveilnav.services.gateway.maps import Maps
+from surveilnav.services.gateway.objects import Objects
+from surveilnav.services.gateway.responses import Id, Limit, Offset, page_of
+from surveilnav.services.gateway.state import BuildingState
+
+_MAX_STAMP_NS = 2**62
+_EPOCH = datetime.fromtimestamp(0, UTC)
+
+
+class Removals:
+    """Has fusion remove contributions, and follows how far that is."""
+
+    def __init__(self, state: BuildingState, maps: Maps, objects: Objects) -> None:
+        self._state, self._node = state, state.node
+        self._maps, self._objects = maps, objects
+        self._ended: set[tuple[str, str]] = set()
+        self._begun: MapRemoval | None = None  # the newest, which fusion may not have published yet
+
+    def all(self) -> list[Removal]:
+        """The newest removals, the newest first."""
+        return [removal_from_message(removal) for removal in self.messages()]
+
+    def messages(self) -> list[MapRemoval]:
+        """As fusion tells them, the newest first."""
+        found = [removal for row in self._state.removals.rows() for removal in row.message.removals]
+        begun = self._begun
+        if begun is not None and all(removal.stamp_ns < begun.stamp_ns for removal in found):
+            found.append(begun)
+        return sorted(found, key=lambda removal: -removal.id)
+
+    def one(self, id: str) -> Removal:
+        """One removal; 404 if fusion doesn't know it (any more)."""
+        for removal in self.all():
+            if removal.id == id:
+                return removal
+        raise Problem(404, "unknown_removal", f"no removal {id!r}; {ROOT}/removals lists the newest")
+
+    def begin(self, wanted: NewRemoval) -> Removal:
+        """Has fusion begin a removal. Returns once it is certain to happen, also if fusion is killed meanwhile."""
+        message = RemoveFromMaps(
+            stamp_ns=clock_ns(),
+            source=wanted.source,
+            since_ns=_stamp_ns(wanted.since),
+            until_ns=_stamp_ns(wanted.until),
+        )
+        fusions = sorted(self._node.alive("fusion"))
+        if not fusions:
+            raise absent("fusion")
+        row = request(self._node, "fusion", contract.REMOVE_FROM_MAPS, message, fusion=fusions[0])
+        self._begun = row.message
+        return removal_from_message(row.message)
+
+    def forget_outdated(self) -> None:
+        """Once a removal has ended, forgets answers about the maps of before, and floors that fusion has no maps of any more."""
+        ended: set[tuple[str, str]] = {
+            (removal.id, removal.state) for removal in self.all() if removal.state != "running"
+        }
+        new, self._ended = ended - self._ended, ended
+        if not new:
+            return
+        self._maps.clear()
+        self._objects.clear()
+        try:
+            answers = self._node.ask_all(contract.MAP_REVISION, timeout_s=1.0)
+        except SurveilNavError:
+            return
+        kept = {row.ids["floor"] for row in answers}
+        for floor in set(self._state.revisions.newest("floor")) - kept if kept else ():
+            self._state.revisions.forget("floor", floor)
+
+
+def removal_from_message(message: MapRemoval) -> Removal:
+    return resource_from(
+        Removal,
+        message,
+        id=str(message.id),
+        since=utc(message.since_ns),
+        until=utc(message.until_ns),
+        requested=utc(message.stamp_ns),
+        finished=utc(message.finished_ns),
+    )
+
+
+def _stamp_ns(time: datetime | None) -> int | None:
+    """Nanoseconds since the epoch, to the microsecond; at most what stamps can be."""
+    if time is None:
+        return None
+    age = time - _EPOCH
+    stamp_ns = ((age.days * 86_400 + age.seconds) * 1_000_000 + age.microseconds) * 1000
+    return max(-_MAX_STAMP_NS, min(stamp_ns, _MAX_STAMP_NS))
+
+
+def router(removals: Removals) -> APIRouter:
+    router = APIRouter(prefix=ROOT, tags=["building"])
+
+    @router.get("/removals", name="removals")
+    def list_removals(limit: Limit = 100, offset: Offset = 0) -> Items[Removal]:
+        """The newest removals from the maps, the newest first."""
+        return page_of(removals.all(), limit, offset)
+
+    @router.get("/removals/{id}")
+    def removal(id: Id) -> Removal:
+        return removals.one(id)
+
+    @router.post("/removals", status_code=202)
+    def begin(wanted: NewRemoval) -> Removal:
+        """Takes what a camera or a robot has contributed, always or within a time span, out of the maps: they become what they
+        would be had it never been there. That happens in the background; the answer says in which way. What the source sees
+        from now on enters the maps again, so pause a camera first that is wrong. Any later view of a camera is looked at anew."""
+        return removals.begin(wanted)
+
+    return router
