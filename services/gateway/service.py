@@ -22,7 +22,6 @@ from surveilnav.services.gateway.objects import Objects
 from surveilnav.services.gateway.recordings import Recordings, Replays
 from surveilnav.services.gateway.removals import Removals
 from surveilnav.services.gateway.robots import PerceptionWorkers, Robots
-from surveilnav.services.gateway.rooms import Rooms
 from surveilnav.services.gateway.sightings import CameraSightings
 from surveilnav.services.gateway.state import BuildingState
 from surveilnav.services.gateway.stream_sources import BuildingEvents, LiveStates, Resources
@@ -53,7 +52,7 @@ class Gateway:
         self.workers = PerceptionWorkers(self.state)
         self.maps = Maps(self.state, self.cameras, self.robots, self.missions)
         self.objects = Objects(self.state)
-        self.sightings = CameraSightings(self.state, self.objects, Rooms(node, settings.cameras_file))
+        self.sightings = CameraSightings(self.state, self.objects, settings.cameras_file)
         self.recordings = Recordings(self.state)
         self.events = BuildingEvents()
         self.meter = MissionTrafficMeter(self.state)
@@ -107,12 +106,8 @@ class Gateway:
 
     def services(self) -> list[Service]:
         """Processes that are kept running, as `surveilnav up` reports them."""
-        supervisors = self.state.services
-        return [
-            resources.service_from_state(state, row.received_ns, supervisors.is_old(row))
-            for row in supervisors.newest("supervisor").values()
-            for state in row.message.services
-        ]
+        rows, is_old = self.state.services.newest("supervisor").values(), self.state.services.is_old
+        return [resources.service_from_state(s, r.received_ns, is_old(r)) for r in rows for s in r.message.services]
 
     def readiness(self) -> Readiness:
         """Whether a mission could run now, and what is missing."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from fastapi import APIRouter
 
 from surveilnav import contract
@@ -24,8 +26,8 @@ _MAX_SIGHTINGS = 50
 class CameraSightings:
     """Has fusion look with all cameras, and lists what it found."""
 
-    def __init__(self, state: BuildingState, objects: Objects, rooms: Rooms) -> None:
-        self._state, self._objects, self._rooms = state, objects, rooms
+    def __init__(self, state: BuildingState, objects: Objects, cameras_file: Path | None = None) -> None:
+        self._state, self._objects, self._rooms = state, objects, Rooms(state.node, cameras_file)
 
     def search(self, wanted: SightingsRequest) -> Sightings:
         """Where cameras see something. Blocks until every view was looked at, or for ``wanted.max_s``."""

@@ -76,7 +76,7 @@ def test_a_refusal_is_passed_on(client, asked) -> None:
 def test_rooms_are_asked_about_and_named(gateway, asked, tmp_path: Path) -> None:
     file = tmp_path / "cameras.yaml"
     file.write_text(FILE)
-    sightings = CameraSightings(gateway.state, gateway.objects, Rooms(gateway.state.node, file))
+    sightings = CameraSightings(gateway.state, gateway.objects, file)
     found = sightings.search(SightingsRequest(target="couch", floor="0", max_s=2.0))
     assert [room.name for room in asked[-1].rooms] == ["lounge", "store"]
     assert [(r.name, r.in_view, r.cameras) for r in found.rooms] == [("lounge", 0.5, ["c1"]), ("store", 0.0, ["c1"])]
