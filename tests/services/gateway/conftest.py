@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing
@@ -399,10 +400,13 @@ def router() -> Iterator[str]:
         yield endpoint
 
 
+_NUMBERS = itertools.count(1)
+
+
 def serve_gateway(endpoint: str, stack: ExitStack, root_path: str = "") -> tuple[str, Gateway]:
     """A gateway as ``python -m surveilnav.services.gateway`` runs it, on a thread; its address."""
     sock = stack.enter_context(listen("127.0.0.1", 0))
-    node = stack.enter_context(Node("gateway", "gateway", BusSettings(router=endpoint)))
+    node = stack.enter_context(Node("gateway", f"gateway-{next(_NUMBERS)}", BusSettings(router=endpoint)))
     gateway = Gateway(node, GatewaySettings(root_path=root_path))
     server = web_server(gateway, GatewaySettings().names, root_path)
     thread = threading.Thread(target=server.run, kwargs={"sockets": [sock]}, daemon=True)
