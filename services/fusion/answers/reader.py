@@ -56,7 +56,5 @@ class MapReader:
         if pending is not None:
             pending.build()
             with self.maps.lock:
-                if (
-                    self.joint_of(floor) is joint
-                ):  # other maps may have taken its place, without the views of some source
-                    joint.adopt_value(floor, pending)
+                # not those that may have taken their place meanwhile, without the views of some source
+                joint.adopt_value(floor, pending)
