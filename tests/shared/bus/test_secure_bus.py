@@ -280,7 +280,9 @@ def test_a_camera_cant_start_a_mission_or_stop_robots(bus, attacker):
     with Node("planner", "planner", bus("planner")) as planner, Node("robot", "r1", bus("robot-r1")) as robot:
         planner.serve(
             MISSION_GOAL,
-            lambda request: calls.append("goal") or Answer(m.MissionAck(stamp_ns=1, mission="m1", accepted=True, state="active")),
+            lambda request: (
+                calls.append("goal") or Answer(m.MissionAck(stamp_ns=1, mission="m1", accepted=True, state="active"))
+            ),
         )
         robot.serve(
             ROBOT_HALT,

@@ -8,9 +8,10 @@ from itertools import product
 import pytest
 import zenoh
 
-from surveilnav.contract import LIVELINESS, SIMULATION, STREAMS, Stream
+from surveilnav.contract import JUDGED, LIVELINESS, SIMULATION, STREAMS, Stream
+from surveilnav.errors import ConfigError
 from surveilnav.security.access import OWNERS, READERS, Rule, access_control, may_own, may_read, own_key, rules_of
-from surveilnav.security.identities import KINDS, NAMED, Identity
+from surveilnav.security.identities import KINDS, NAMED, Identity, identity_from_name
 
 #: Stream: who publishes or answers it; who subscribes to it or asks for it. C: cameras.
 TABLE = {
