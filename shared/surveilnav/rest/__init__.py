@@ -12,6 +12,7 @@ from surveilnav.rest.cameras import AccessRecord, Camera, CameraCone, CameraStre
 from surveilnav.rest.missions import FINISHED_STATES, Mission, MissionPlan, MissionTraffic, NewMission, Place
 from surveilnav.rest.recordings import Recorder, Recording, Replay, ReplayChange
 from surveilnav.rest.robots import Robot, RobotHalt, StageTimes, Target, Worker
+from surveilnav.rest.session import NewSession, Session
 from surveilnav.rest.sightings import SearchedCamera, SearchedRoom, Sighting, Sightings, SightingsRequest
 from surveilnav.rest.streams import LIVE_RESOURCES, Event, LiveState, StreamData, Tile, TileState
 from surveilnav.rest.system import NodeTraffic, Readiness, Service, SourceTraffic, Traffic
@@ -38,6 +39,7 @@ __all__ = [
     "MissionPlan",
     "MissionTraffic",
     "NewMission",
+    "NewSession",
     "NodeTraffic",
     "Object",
     "ObjectEvent",
@@ -54,6 +56,7 @@ __all__ = [
     "SearchedCamera",
     "SearchedRoom",
     "Service",
+    "Session",
     "Sighting",
     "Sightings",
     "SightingsRequest",
