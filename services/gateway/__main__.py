@@ -85,8 +85,8 @@ def _authentication(settings: GatewaySettings, node: Node) -> Authentication | N
     if settings.keys_file is None:
         node.log.warning(
             "nobody is answered: there is no file of API keys",
-            do="make one by `surveilnav security key add NAME --role admin` and name it in SURVEILNAV_GATEWAY__KEYS_FILE, or have "
-            "everybody answered by SURVEILNAV_GATEWAY__AUTHENTICATION=none",
+            do="make one by `surveilnav security key add NAME --role admin` and name it in SURVEILNAV_GATEWAY__KEYS_FILE, or "
+            "have everybody answered by SURVEILNAV_GATEWAY__AUTHENTICATION=none",
         )
     return Authentication(settings.keys_file)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from http.cookies import CookieError, SimpleCookie
 
 import structlog
-from anyio import to_thread
+from anyio import move_on_after, to_thread
 from starlette.datastructures import Headers
 from starlette.requests import HTTPConnection, Request
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -22,6 +22,8 @@ COOKIE = "surveilnav_session"
 #: Requests with these methods command nothing, and aren't logged.
 _ASKING = ("GET", "HEAD", "OPTIONS")
 _MAX_KEY = 200
+#: How long a stream may go on after its key was revoked.
+_REVOKED_S = 2.0
 
 
 class AccessChecks:
@@ -51,6 +53,8 @@ class AccessChecks:
         set_person(scope, person)
         if scope["method"] not in _ASKING:
             send = self._logging(scope, client, person, send)
+        elif person is not None and self._authentication is not None:
+            receive = _until_revoked(receive, Headers(scope=scope), person, self._authentication)
         await self._app(scope, receive, send)
 
     async def _admitted(self, scope: Scope, client: str) -> Person | None:
@@ -88,6 +92,19 @@ class AccessChecks:
         if self._refusals.try_acquire(f"{client} {problem.name}"):
             facts = {"client": client, "method": scope["method"], "path": scope["path"][:200]}
             self._log.warning("refused", problem=problem.name, why=problem.detail, **facts)
+
+
+def _until_revoked(receive: Receive, headers: Headers, person: Person, authentication: Authentication) -> Receive:
+    """``receive``, which tells a stream that its client has gone once its key is revoked or its session has ended."""
+    token = "" if headers.get("authorization") else session_token(headers)
+
+    async def received() -> Message:
+        while authentication.session_owner(token) == person if token else authentication.is_current(person):
+            with move_on_after(_REVOKED_S):
+                return await receive()
+        return {"type": "http.disconnect"}
+
+    return received
 
 
 async def _person(headers: Headers, client: str, authentication: Authentication) -> Person:

@@ -62,15 +62,21 @@ class Authentication:
         Raises:
             Problem: 401: nobody's; 429: the client has presented too many wrong ones.
         """
-        key = self._key(presented, client)
-        return Person(key.name, key.role)
+        return _person(self._key(presented, client))
 
     def known_owner(self, presented: str) -> Person | None:
         """Whose key this is, if it was compared before; None: ``key_owner`` must compare it, which takes time."""
         with self._lock:
             self._read_if_changed()
             key = self._verified.get(self._digest(presented))
-        return Person(key.name, key.role) if key else None
+        return _person(key) if key else None
+
+    def is_current(self, person: Person) -> bool:
+        """Whether the key of somebody who was let in is still there."""
+        with self._lock:
+            self._read_if_changed()
+            key = self._keys.get(person.key_id)
+        return key is not None and _person(key) == person
 
     def open_session(self, presented: str, client: str) -> tuple[str, Person]:
         """A new session for a key, as the text of its cookie. Raises Problem as ``key_owner`` does."""
@@ -80,7 +86,7 @@ class Authentication:
             self._sessions[self._digest(token)] = _Session(key, time.monotonic() + SESSION_S)
             while len(self._sessions) > _MAX_SESSIONS:
                 self._sessions.popitem(last=False)
-        return token, Person(key.name, key.role)
+        return token, _person(key)
 
     def session_owner(self, token: str) -> Person | None:
         """Whose session this is; None: it has ended, its key was revoked, or there never was one."""
@@ -89,7 +95,7 @@ class Authentication:
             session = self._sessions.get(self._digest(token))
             if session is None or session.ends_s < time.monotonic() or self._keys.get(session.key.id) != session.key:
                 return None
-            return Person(session.key.name, session.key.role)
+            return _person(session.key)
 
     def close_session(self, token: str) -> None:
         """Ends a session."""
@@ -142,6 +148,10 @@ class Authentication:
             keys, self._fault = [], str(error)
             self._log.error("nobody is let in", why=self._fault)
         self._keys = {key.id: key for key in keys}
+
+
+def _person(key: ApiKey) -> Person:
+    return Person(key.name, key.role, key.id)
 
 
 def too_many_failures(wait_s: float) -> Problem:

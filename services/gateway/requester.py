@@ -15,10 +15,11 @@ _STATE = "person"
 
 @dataclass(frozen=True, slots=True)
 class Person:
-    """The name and the role of a key: a person, or a program."""
+    """The owner of a key, a person or a program: the key's name and role, and its id, which a new key doesn't have again."""
 
     name: str
     role: Role
+    key_id: str
 
 
 def address_of(connection: HTTPConnection, trusted_proxies: Networks) -> str:
