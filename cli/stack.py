@@ -109,6 +109,9 @@ class Stack:
         if self.security is None:
             return {}
         identity = f"robot-{self.environment.get('SURVEILNAV_ROBOT__ID', 'r1')}" if name == "robot" else name
+        names = self.security.names()
+        if identity.startswith("camera-") and identity not in names and "cameras" in names:
+            identity = "cameras"
         folder = self.security.identity_folder(identity)
         return {
             "SURVEILNAV_BUS__TLS_CA": str(folder / CA),

@@ -86,6 +86,11 @@ class SecurityFolder:
         folder.write_rules()
         return folder
 
+    @property
+    def building(self) -> str:
+        """The building's name in the keys that the rules are about."""
+        return str(self._facts()["building"])
+
     # --- identities -----------------------------------------------------------------------------------------------
 
     def names(self) -> list[str]:
