@@ -23,7 +23,7 @@ KeysFile = Annotated[
         envvar="SURVEILNAV_GATEWAY__KEYS_FILE", metavar="FILE", help="The file of keys that the gateway reads."
     ),
 ]
-DEFAULT_KEYS = Path("security/api_keys.json")
+DEFAULT_KEYS = Path("security/gateway/api_keys.json")
 #: What each building has of services.
 _SERVICES = ("router", "fusion", "planner", "gateway", "recorder", "perception", "supervisor")
 

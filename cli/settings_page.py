@@ -81,7 +81,7 @@ SURVEILNAV_PLANNER__CORE='{"second_look_m": null}' surveilnav up    # None is nu
 
 #: What people need, by the part of the variable after ``SURVEILNAV_``. Whatever isn't here is an expert's.
 _COMMON = {
-    "BUS": ("ROUTER", "LOG_FORMAT", "LOG_LEVEL"),
+    "BUS": ("ROUTER", "TLS_CA", "TLS_CERTIFICATE", "TLS_KEY", "LOG_FORMAT", "LOG_LEVEL"),
     "PICTURES": ("KEEP_H",),
     "SIM": ("BUILDING", "SEED", "CAMERAS"),
     "CAMERA": ("FILE", "ID", "MASKS", "PERCEPTION"),
@@ -89,7 +89,7 @@ _COMMON = {
     "PERCEPTION": ("BACKEND", "DEVICE", "DOWNLOAD"),
     "FUSION": ("SURVEILLANCE", "PRESET", "STORE", "PROMPTS"),
     "PLANNER": ("STORE",),
-    "GATEWAY": ("HOST", "PORT", "ALLOWED_HOSTS", "ROOT_PATH", "ACCESS_LOG"),
+    "GATEWAY": ("HOST", "PORT", "ALLOWED_HOSTS", "ROOT_PATH", "ACCESS_LOG", "AUTHENTICATION", "KEYS_FILE"),
     "RECORDER": ("FOLDER", "MAX_MB", "MAX_DAYS"),
 }
 COMMON = frozenset(f"SURVEILNAV_{part}__{name}" for part, names in _COMMON.items() for name in names)
