@@ -59,6 +59,7 @@ SURVEILNAV_FUSION__PRESET=paper surveilnav demo               # joint maps to th
 | `SURVEILNAV_YOLO_WORLD` | not set | the ONNX file that you exported for the model `yolo-world` |
 | `HF_HUB_OFFLINE` | not set | `1`: the same; other programs that use the Hugging Face hub know this variable |
 | `HF_ENDPOINT` | `https://huggingface.co` | the hub that models are pulled from, or a mirror of it |
+| `SURVEILNAV_API_KEY` | not set | the key that these commands and the Python client send, where the gateway needs one |
 | `SURVEILNAV_URL` | `http://127.0.0.1:8080` | the gateway that commands such as `surveilnav find` and `surveilnav status` ask |
 """
 
@@ -81,7 +82,7 @@ SURVEILNAV_PLANNER__CORE='{"second_look_m": null}' surveilnav up    # None is nu
 
 #: What people need, by the part of the variable after ``SURVEILNAV_``. Whatever isn't here is an expert's.
 _COMMON = {
-    "BUS": ("ROUTER", "TLS_CA", "TLS_CERTIFICATE", "TLS_KEY", "LOG_FORMAT", "LOG_LEVEL"),
+    "BUS": ("ROUTER", "LOG_FORMAT", "LOG_LEVEL"),
     "PICTURES": ("KEEP_H",),
     "SIM": ("BUILDING", "SEED", "CAMERAS"),
     "CAMERA": ("FILE", "ID", "MASKS", "PERCEPTION"),
@@ -89,7 +90,7 @@ _COMMON = {
     "PERCEPTION": ("BACKEND", "DEVICE", "DOWNLOAD"),
     "FUSION": ("SURVEILLANCE", "PRESET", "STORE", "PROMPTS"),
     "PLANNER": ("STORE",),
-    "GATEWAY": ("HOST", "PORT", "ALLOWED_HOSTS", "ROOT_PATH", "ACCESS_LOG", "AUTHENTICATION", "KEYS_FILE"),
+    "GATEWAY": ("HOST", "PORT", "ALLOWED_HOSTS", "ROOT_PATH", "ACCESS_LOG", "KEYS_FILE"),
     "RECORDER": ("FOLDER", "MAX_MB", "MAX_DAYS"),
 }
 COMMON = frozenset(f"SURVEILNAV_{part}__{name}" for part, names in _COMMON.items() for name in names)

@@ -93,4 +93,3 @@ def test_the_form_is_accessible(page):
     axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
     page.get_by_label("Key").wait_for()
     assert axe.run(page).violations_count == 0
-    page.screenshot(path="/tmp/sign_in.png")
