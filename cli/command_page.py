@@ -49,6 +49,16 @@ SHAPES: dict[str, str] = {
     "robots remove": "`Removal`, when it has ended",
     "stop": "items: `RobotHalt`",
     "release": "items: `RobotHalt`",
+    "security init": "`folder`, `building`, `identities`",
+    "security check": "`faults`, `warnings`",
+    "security issue": "`name`, `folder`",
+    "security renew": "items: names",
+    "security remove": "`name`",
+    "security rules": "`file`",
+    "security key add": "`name`, `key`",
+    "security key list": "items: `name`, `role`, `id`, `created`",
+    "security key rotate": "`name`, `key`",
+    "security key revoke": "`name`",
     "models list": "items: models",
     "models pull": "paths by model",
     "models check": "`ok`, `fault`, `id` by model",
@@ -87,7 +97,8 @@ virtual environment isn't active, write `.venv/bin/surveilnav`. `make docs` writ
 _COMMANDS = """## Commands
 
 The commands under "The running system" ask its gateway at `http://127.0.0.1:8080`; name another one by `--url` or
-`SURVEILNAV_URL`. In place of the id of a mission or camera you may type its beginning, if no other id begins in the same way.
+`SURVEILNAV_URL`. If it needs a key, put that into `SURVEILNAV_API_KEY`. In place of the id of a mission or camera you may type
+its beginning, if no other id begins in the same way.
 
 """
 _JSON = """## For programs

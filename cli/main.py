@@ -21,6 +21,7 @@ from surveilnav.cli import (
     models,
     objects,
     robots,
+    security,
     start,
     status,
     survey,
@@ -73,6 +74,7 @@ for _command in (
     robots.release,
 ):
     app.command(_command.__name__.rstrip("_"), rich_help_panel=_RUNNING)(_command)
+app.add_typer(security.app, name="security", rich_help_panel=_RUNNING)
 app.add_typer(models.app, name="models", rich_help_panel=_BENCHMARK)
 app.add_typer(dataset.app, name="dataset", rich_help_panel=_BENCHMARK)
 app.add_typer(bench.app, name="bench", rich_help_panel=_BENCHMARK)

@@ -59,6 +59,7 @@ SURVEILNAV_FUSION__PRESET=paper surveilnav demo               # joint maps to th
 | `SURVEILNAV_YOLO_WORLD` | not set | the ONNX file that you exported for the model `yolo-world` |
 | `HF_HUB_OFFLINE` | not set | `1`: the same; other programs that use the Hugging Face hub know this variable |
 | `HF_ENDPOINT` | `https://huggingface.co` | the hub that models are pulled from, or a mirror of it |
+| `SURVEILNAV_API_KEY` | not set | the key that these commands and the Python client send, where the gateway needs one |
 | `SURVEILNAV_URL` | `http://127.0.0.1:8080` | the gateway that commands such as `surveilnav find` and `surveilnav status` ask |
 """
 
@@ -89,7 +90,7 @@ _COMMON = {
     "PERCEPTION": ("BACKEND", "DEVICE", "DOWNLOAD"),
     "FUSION": ("SURVEILLANCE", "PRESET", "STORE", "PROMPTS"),
     "PLANNER": ("STORE",),
-    "GATEWAY": ("HOST", "PORT", "ALLOWED_HOSTS", "ROOT_PATH", "ACCESS_LOG"),
+    "GATEWAY": ("HOST", "PORT", "ALLOWED_HOSTS", "ROOT_PATH", "ACCESS_LOG", "KEYS_FILE"),
     "RECORDER": ("FOLDER", "MAX_MB", "MAX_DAYS"),
 }
 COMMON = frozenset(f"SURVEILNAV_{part}__{name}" for part, names in _COMMON.items() for name in names)

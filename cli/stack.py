@@ -14,6 +14,7 @@ from types import TracebackType
 from surveilnav.bus import BusSettings, Node
 from surveilnav.bus.main import ENDS_WITH_STDIN
 from surveilnav.errors import SurveilNavError
+from surveilnav.security.folder import ACCESS, CA, CERTIFICATE, KEY, SecurityFolder
 from surveilnav.services.gateway.core.resources import NEEDED
 
 _SOON_S = 5.0
@@ -34,7 +35,7 @@ class Stack:
     """Router and services below one settings environment. Use it as a context manager.
 
     ``environment`` goes to every process; logs land in ``log_dir``, one file a service. ``searches`` False: router and gateway
-    alone, somebody else stands in for the rest.
+    alone, somebody else stands in for the rest. ``security``: has an identity for each of them; None: no security.
     """
 
     environment: dict[str, str]
@@ -43,13 +44,19 @@ class Stack:
     gateway: bool = False
     recorder: bool = False
     searches: bool = True
+    security: SecurityFolder | None = None
     processes: dict[str, subprocess.Popen[bytes]] = field(default_factory=dict)
 
     @property
     def bus(self) -> BusSettings:
         """How a client comes onto the stack's bus."""
+        files = self.security.identity_folder("supervisor") if self.security else None
         return BusSettings(
-            router=self.environment["SURVEILNAV_BUS__ROUTER"], building=self.environment["SURVEILNAV_BUS__BUILDING"]
+            router=self.environment["SURVEILNAV_BUS__ROUTER"],
+            building=self.environment["SURVEILNAV_BUS__BUILDING"],
+            tls_ca=files and files / CA,
+            tls_certificate=files and files / CERTIFICATE,
+            tls_key=files and files / KEY,
         )
 
     def __enter__(self) -> Stack:
@@ -67,9 +74,9 @@ class Stack:
 
     def _programs(self) -> dict[str, _Program]:
         """All of the stack by name, in the order of their start."""
-        programs = {
-            "router": _Program("surveilnav.bus.router", ("--listen", self.environment["SURVEILNAV_BUS__ROUTER"]))
-        }
+        access = ("--access", str(self.security.path / ACCESS)) if self.security else ()
+        listen = ("--listen", self.environment["SURVEILNAV_BUS__ROUTER"], *access)
+        programs = {"router": _Program("surveilnav.bus.router", listen)}
         if self.searches:
             programs |= {name: _Program(f"surveilnav.services.{name}") for name in ("perception", "fusion", "planner")}
             programs["robot"] = _Program("surveilnav.services.robot_node")
@@ -89,13 +96,28 @@ class Stack:
         with self.log_of(name).open("ab") as log:
             self.processes[name] = subprocess.Popen(
                 [sys.executable, "-m", program.module, *program.arguments],
-                env={**os.environ, **self.environment, **program.more, ENDS_WITH_STDIN: "1"},
+                env={**os.environ, **self.environment, **program.more, **self._identity(name), ENDS_WITH_STDIN: "1"},
                 # Nobody writes to it: it breaks when this process is gone, also by `kill -9`, and the service ends.
                 stdin=subprocess.PIPE,
                 stdout=log,
                 stderr=log,
                 start_new_session=True,
             )
+
+    def _identity(self, name: str) -> dict[str, str]:
+        """The environment variables by which the service of that name has its identity."""
+        if self.security is None:
+            return {}
+        identity = f"robot-{self.environment.get('SURVEILNAV_ROBOT__ID', 'r1')}" if name == "robot" else name
+        names = self.security.names()
+        if identity.startswith("camera-") and identity not in names and "cameras" in names:
+            identity = "cameras"
+        folder = self.security.identity_folder(identity)
+        return {
+            "SURVEILNAV_BUS__TLS_CA": str(folder / CA),
+            "SURVEILNAV_BUS__TLS_CERTIFICATE": str(folder / CERTIFICATE),
+            "SURVEILNAV_BUS__TLS_KEY": str(folder / KEY),
+        }
 
     def can_do_without(self, name: str) -> bool:
         """Whether the rest can search without that service: a camera, the recorder."""

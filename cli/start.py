@@ -81,6 +81,13 @@ def up(
     router: Annotated[str, typer.Option(metavar="ENDPOINT", help="The router's endpoint.")] = "tcp/127.0.0.1:7447",
     logs: Annotated[Path, typer.Option(metavar="FOLDER", help="Folder of the services' logs.")] = Path("runs/up"),
     record: Record = OnOff.on,
+    security: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FOLDER",
+            help="Encrypt the bus, and give each process its identity from this folder of `surveilnav security init`.",
+        ),
+    ] = None,
 ) -> None:
     """Start the router and all services for a simulated building, and keep them running until Ctrl-C."""
     from surveilnav.cli.up import run_up
@@ -96,6 +103,7 @@ def up(
         router=router,
         logs=logs,
         record=record is OnOff.on,
+        security=security,
     )
 
 

@@ -12,10 +12,12 @@ from rich.console import Console
 from surveilnav.bus import Node
 from surveilnav.camera_plan import CameraPlan
 from surveilnav.cli.progress import bar
-from surveilnav.cli.stack import Stack, environment
+from surveilnav.cli.stack import Stack, bus_name, environment
 from surveilnav.cli.supervisor import Supervisor
 from surveilnav.cli.words import why_perceived
 from surveilnav.contract import PERCEPTION_LOAD
+from surveilnav.errors import ConfigError
+from surveilnav.security.folder import SecurityFolder
 from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings
 
 #: How often it is looked whether a service has ended.
@@ -36,6 +38,7 @@ def run_up(
     router: str,
     logs: Path,
     record: bool,
+    security: Path | None = None,
 ) -> None:
     """Prepares the building, starts everything, and waits."""
     settings = SimulationSettings(
@@ -48,8 +51,9 @@ def run_up(
     plan = _prepare(console, settings)
     # Maps and missions of a building, to go on with next time; never those of another one, or of its plan before a change.
     state = logs / "state" / plan.scene_hash[:16]
+    folder = _security(security, building)
     variables = environment(
-        router=router,
+        router=router.replace("tcp/", "tls/", 1) if folder else router,
         building=building,
         seed=seed,
         cameras=cameras,
@@ -63,7 +67,14 @@ def run_up(
     names = [camera.name for camera in plan.cameras] if surveillance else []
     stopping = _set_by_signals()
     with (
-        Stack(variables, logs, names, gateway=True, recorder=record) as stack,
+        Stack(
+            variables,
+            logs,
+            names,
+            gateway=True,
+            recorder=record,
+            security=folder,
+        ) as stack,
         Node("cli", "up", stack.bus, alive=False) as node,
     ):
         stack.wait_ready(node, 120.0)  # what ends before all are ready has a reason that no restart mends
@@ -89,6 +100,19 @@ def _prepare(console: Console, settings: SimulationSettings) -> CameraPlan:
     for note in simulated.notes:
         console.print(f"note: {note}", markup=False)
     return plan
+
+
+def _security(path: Path | None, building: str) -> SecurityFolder | None:
+    """The folder with the identities of all processes; None: no security. ConfigError: it is another building's."""
+    if path is None:
+        return None
+    folder, name = SecurityFolder(path), bus_name(building)
+    if folder.building != name:
+        raise ConfigError(
+            f"{path} is for the building {folder.building!r}, not {name!r}: make another one by `surveilnav security init FOLDER "
+            f"--building {name} --simulation --shared-cameras`"
+        )
+    return folder
 
 
 def _gateway_variables(port: int, logs: Path) -> dict[str, str]:

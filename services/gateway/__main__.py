@@ -15,7 +15,9 @@ from surveilnav.bus.main import run_service
 from surveilnav.errors import BusError
 from surveilnav.services.gateway.access_log import AccessLog
 from surveilnav.services.gateway.app import create_app
+from surveilnav.services.gateway.authentication import Authentication
 from surveilnav.services.gateway.config import GatewaySettings
+from surveilnav.services.gateway.core.hosts import Networks
 from surveilnav.services.gateway.service import Gateway
 
 #: The kernel closes a connection whose client hasn't acknowledged the bytes sent to it for this time.
@@ -42,13 +44,19 @@ def listen(host: str, port: int) -> socket.socket:
     return sock
 
 
-def web_server(gateway: Gateway, names: frozenset[str] | None, root_path: str = "") -> uvicorn.Server:
-    """A web server for ``gateway``. It answers to the hosts ``names`` (None: to any), and ends its streams when it stops.
+def web_server(
+    gateway: Gateway,
+    names: frozenset[str] | None,
+    root_path: str = "",
+    authentication: Authentication | None = None,
+    proxies: Networks = (),
+) -> uvicorn.Server:
+    """A web server for ``gateway``; it ends its streams when it stops. The arguments are those of ``create_app``.
 
     uvicorn ignores ``X-Forwarded-*``; only the access log uses them, from proxies that the settings name.
     """
     config = uvicorn.Config(
-        create_app(gateway, names),
+        create_app(gateway, names, authentication, proxies),
         log_config=None,
         access_log=False,
         lifespan="off",
@@ -70,12 +78,26 @@ def _access_log(settings: GatewaySettings) -> AccessLog:
     )
 
 
+def _authentication(settings: GatewaySettings, node: Node) -> Authentication | None:
+    """What lets in those with a key; None: everybody is answered."""
+    if not settings.needs_keys:
+        return None
+    if settings.keys_file is None:
+        node.log.warning(
+            "nobody is answered: there is no file of API keys",
+            do="make one by `surveilnav security key add NAME --role admin` and name it in SURVEILNAV_GATEWAY__KEYS_FILE, or "
+            "have everybody answered by SURVEILNAV_GATEWAY__AUTHENTICATION=none",
+        )
+    return Authentication(settings.keys_file)
+
+
 def serve(settings: GatewaySettings, bus: BusSettings) -> None:
     """Serves until SIGTERM or SIGINT."""
     with listen(settings.host, settings.port) as sock, Node("gateway", settings.node_id, bus) as node:
         host, port = sock.getsockname()[:2]
         gateway = Gateway(node, settings, _access_log(settings))
-        server = web_server(gateway, settings.names, settings.root_path)
+        keys = _authentication(settings, node)
+        server = web_server(gateway, settings.names, settings.root_path, keys, settings.proxies)
         # uvicorn raises the signal again after it has shut down; the session must still be closed then.
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, lambda *_: None)

@@ -1,6 +1,6 @@
 """Who was shown which camera, and when: appended to files, one line per access, and never a picture.
 
-    {"time":"2026-01-31T10:00:41Z","client":"10.0.0.12","camera":"c0-1","view":3,"what":"latest"}
+    {"time":"2026-01-31T10:00:41Z","client":"10.0.0.12","camera":"c0-1","view":3,"what":"latest","key":"anna"}
 
 A client that keeps watching is recorded once a minute. A new file is begun every day, and when the current one is full. Files
 are removed when they are too old, or when all together are too large. The newest lines are also kept in memory; without a
@@ -23,7 +23,8 @@ import structlog
 from starlette.requests import HTTPConnection
 
 from surveilnav.rest import AccessRecord
-from surveilnav.services.gateway.core.hosts import Networks, client_address
+from surveilnav.services.gateway.core.hosts import Networks
+from surveilnav.services.gateway.requester import address_of, person_of
 
 #: The view of an access to all of a camera's views.
 ALL_VIEWS = -1
@@ -33,14 +34,16 @@ _FILE_BYTES = 1 << 20
 _NAME = "looks-%Y%m%dT%H%M%S.%fZ.jsonl"
 
 
-class LogLine(msgspec.Struct, frozen=True):
-    """One line of a file. ``what`` was shown: "thumbnail", "latest", "tile", "history" or "recording"; ``client``: an address."""
+class LogLine(msgspec.Struct, frozen=True, omit_defaults=True):
+    """One line of a file. ``what`` was shown: "thumbnail", "latest", "tile", "history" or "recording"; ``client``: an address;
+    ``key``: the name of the client's key, empty where none was needed."""
 
     time: Annotated[datetime, msgspec.Meta(tz=True)]
     client: str
     camera: str
     view: int
     what: str
+    key: str = ""
 
 
 class AccessLog:
@@ -75,17 +78,18 @@ class AccessLog:
 
     def record(self, request: HTTPConnection, camera: str, view: int, what: str) -> None:
         """Records that the client that sent ``request`` is shown a view now. ``what``: as in ``LogLine``."""
-        peer = request.client.host if request.client else ""
-        forwarded = request.headers.getlist("x-forwarded-for")
-        self.add(client_address(peer, forwarded, self._trusted_proxies), camera, view, what)
+        person = person_of(request)
+        self.add(address_of(request, self._trusted_proxies), camera, view, what, key=person.name if person else "")
 
-    def add(self, client: str, camera: str, view: int, what: str, now: datetime | None = None) -> None:
+    def add(
+        self, client: str, camera: str, view: int, what: str, now: datetime | None = None, *, key: str = ""
+    ) -> None:
         """Records an access, unless the same was recorded within a minute. Never waits for the disk: another thread writes."""
         now = now or datetime.now(UTC)
         with self._lock:
-            if not self._is_new((client, camera, view, what)):
+            if not self._is_new((client, key, camera, view, what)):
                 return
-            line = LogLine(now, client, camera, view, what)
+            line = LogLine(now, client, camera, view, what, key)
             self._lines.append(line)
         if self._folder is not None:
             try:
@@ -98,7 +102,10 @@ class AccessLog:
         oldest = (now or datetime.now(UTC)) - self._keep
         with self._lock:
             lines = [line for line in reversed(self._lines) if line.camera == camera and line.time >= oldest]
-        return [AccessRecord(time=line.time, client=line.client, view=line.view, what=line.what) for line in lines]
+        return [
+            AccessRecord(time=line.time, client=line.client, key=line.key, view=line.view, what=line.what)
+            for line in lines
+        ]
 
     def remove_old_files(self, now: datetime | None = None) -> None:
         """Removes files whose lines are too old. To be called regularly, since there may be no access for months."""

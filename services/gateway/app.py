@@ -14,17 +14,32 @@ from surveilnav.services.gateway import (
     recordings,
     removals,
     robots,
+    session,
     sightings,
     streams,
     system,
 )
+from surveilnav.services.gateway.access_checks import AccessChecks
+from surveilnav.services.gateway.authentication import Authentication
+from surveilnav.services.gateway.core.hosts import Networks
 from surveilnav.services.gateway.request_checks import RequestChecks
 from surveilnav.services.gateway.responses import PROBLEMS, add_problem_handlers
 from surveilnav.services.gateway.service import Gateway
 
 
-def create_app(gateway: Gateway, allowed_hosts: frozenset[str] | None) -> FastAPI:
-    """The web application for ``gateway``. It answers requests to the hosts ``allowed_hosts`` (None: to any)."""
+def create_app(
+    gateway: Gateway,
+    allowed_hosts: frozenset[str] | None,
+    authentication: Authentication | None = None,
+    trusted_proxies: Networks = (),
+) -> FastAPI:
+    """The web application for ``gateway``.
+
+    Args:
+        allowed_hosts: the hosts as which it is asked; None: any.
+        authentication: knows the keys with which it is asked; None: it answers without.
+        trusted_proxies: proxies whose ``X-Forwarded-For`` is believed.
+    """
     # FastAPI's own documentation pages load scripts from other servers, so `pages` has ours.
     app = FastAPI(
         title="SurveilNav",
@@ -35,7 +50,8 @@ def create_app(gateway: Gateway, allowed_hosts: frozenset[str] | None) -> FastAP
         redirect_slashes=False,  # an address has one spelling
         responses=PROBLEMS,
     )
-    app.add_middleware(RequestChecks, allowed=allowed_hosts)
+    app.add_middleware(AccessChecks, authentication=authentication, trusted_proxies=trusted_proxies)
+    app.add_middleware(RequestChecks, allowed=allowed_hosts)  # comes first
     add_problem_handlers(app)
     app.include_router(missions.router(gateway.missions, gateway.meter))
     app.include_router(cameras.router(gateway.cameras, gateway.pictures, gateway.access_log))
@@ -46,6 +62,7 @@ def create_app(gateway: Gateway, allowed_hosts: frozenset[str] | None) -> FastAP
     app.include_router(sightings.router(gateway.sightings))
     app.include_router(recordings.router(gateway.recordings, gateway.replays, gateway.access_log))
     app.include_router(streams.router(gateway.events, gateway.live, gateway.tiles, gateway.access_log))
+    app.include_router(session.router(authentication, trusted_proxies))
     app.include_router(system.router(gateway))
     app.include_router(pages.router())
     return app

@@ -3,11 +3,19 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Literal
 
 from pydantic import Field, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
-from surveilnav.services.gateway.core.hosts import Networks, allowed_names, listen_address, names_of_address, networks
+from surveilnav.services.gateway.core.hosts import (
+    Networks,
+    allowed_names,
+    is_loopback,
+    listen_address,
+    names_of_address,
+    networks,
+)
 
 
 class GatewaySettings(BaseSettings):
@@ -40,6 +48,15 @@ class GatewaySettings(BaseSettings):
     access_log_mb: int = Field(
         default=10, ge=2, le=1000, description="the size of all files of the access log; the oldest are removed first"
     )
+    keys_file: Path | None = Field(
+        default=None,
+        description="the file of API keys, which `surveilnav security key` writes; it is read again when it changes",
+    )
+    authentication: Literal["auto", "keys", "none"] = Field(
+        default="auto",
+        description="who is answered: only who has a key (keys), everybody (none), or everybody as long as there is no file of "
+        "keys and the gateway listens at a loopback address (auto)",
+    )
     cameras_file: Path | None = Field(
         default=None,
         description="the file of real cameras, whose rooms answers name: where something was seen, and where nobody sees",
@@ -66,6 +83,13 @@ class GatewaySettings(BaseSettings):
     @property
     def proxies(self) -> Networks:
         return networks(self.trusted_proxies)
+
+    @property
+    def needs_keys(self) -> bool:
+        """Whether only requests with a key are answered."""
+        if self.authentication == "auto":
+            return self.keys_file is not None or not is_loopback(self.host)
+        return self.authentication == "keys"
 
     @property
     def names(self) -> frozenset[str] | None:

@@ -1,15 +1,24 @@
-"""Checks the host, the origin and the body length in a request's headers, before the body is read."""
+"""Checks the host, the origin and the body length in a request's headers, before the body is read; adds headers to answers."""
 
 from __future__ import annotations
 
-from starlette.datastructures import Headers
+from starlette.datastructures import Headers, MutableHeaders
 from starlette.requests import Request
-from starlette.types import ASGIApp, Receive, Scope, Send
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from surveilnav.services.gateway.core.hosts import foreign_host, foreign_origin
 from surveilnav.services.gateway.core.problems import Problem
 from surveilnav.services.gateway.responses import problem_response
 
+#: What browsers are told of every answer: show it in no frame and to no other site, run nothing in it, keep no copy.
+_HEADERS = {
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+    "Referrer-Policy": "no-referrer",
+    "Content-Security-Policy": "default-src 'none'; frame-ancestors 'none'",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cache-Control": "no-store",
+}
 MAX_BODY_BYTES = 64 * 1024
 #: Methods whose origin isn't checked: they change nothing, and browsers keep pages of other sites from reading the answers.
 _SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
@@ -27,9 +36,9 @@ class RequestChecks:
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         problem = self._problem(scope["method"], Headers(scope=scope)) if scope["type"] == "http" else None
         if problem:
-            await problem_response(Request(scope), problem)(scope, receive, send)
+            await problem_response(Request(scope), problem)(scope, receive, _hardened(send))
         else:
-            await self._app(scope, receive, send)
+            await self._app(scope, receive, _hardened(send))
 
     def _problem(self, method: str, headers: Headers) -> Problem | None:
         return self._check_host(headers) or self._check_origin(method, headers) or _check_body(headers)
@@ -59,6 +68,19 @@ class RequestChecks:
             "foreign_page",
             f"a page of {origin[:200]!r} asked for this. If it is yours, add its name to SURVEILNAV_GATEWAY__ALLOWED_HOSTS",
         )
+
+
+def _hardened(send: Send) -> Send:
+    """``send``, with the headers that every answer has, unless it has its own."""
+
+    async def sent(message: Message) -> None:
+        if message["type"] == "http.response.start":
+            headers = MutableHeaders(scope=message)
+            for name, value in _HEADERS.items():
+                headers.setdefault(name, value)
+        await send(message)
+
+    return sent
 
 
 def _check_body(headers: Headers) -> Problem | None:

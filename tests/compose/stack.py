@@ -35,11 +35,12 @@ def missing() -> str:
 class Stack:
     """``docker compose`` with a project, a port and settings of its own."""
 
-    def __init__(self, models: Path, file: str = "compose.yaml", **environment: str) -> None:
+    def __init__(self, models: Path, file: str = "compose.yaml", *over: str, **environment: str) -> None:
+        """``over``: files that are laid over ``file``."""
         with socket.create_server(("127.0.0.1", 0)) as server:
             port = server.getsockname()[1]
         self._project = f"surveilnav-test-{uuid.uuid4().hex[:8]}"
-        self._file = file
+        self._files = [word for name in (file, *over) for word in ("--file", name)]
         self._environment = os.environ | environment
         self._environment |= {"SURVEILNAV_PORT": str(port), "SURVEILNAV_MODELS_DIR": str(models)}
         self.gateway = httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=30.0)
@@ -49,8 +50,7 @@ class Stack:
             [
                 "docker",
                 "compose",
-                "--file",
-                self._file,
+                *self._files,
                 "--project-name",
                 self._project,
                 "--progress",

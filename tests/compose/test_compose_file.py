@@ -8,7 +8,9 @@ from pathlib import Path
 import pytest
 import yaml
 
+from surveilnav.cli.security import DEFAULT_KEYS
 from surveilnav.pictures import PictureSettings
+from surveilnav.security.identities import identity_from_name
 from surveilnav.services.perception.config import PerceptionSettings
 
 _ROOT = Path(__file__).parents[2]
@@ -142,3 +144,43 @@ def test_cameras_look_with_the_backend_of_perception_unless_told_otherwise() -> 
     backend = perception["environment"]["SURVEILNAV_PERCEPTION__BACKEND"]
     assert camera["environment"]["SURVEILNAV_CAMERA__PERCEPTION"] == "${SURVEILNAV_CAMERA__PERCEPTION:-" + backend + "}"
     assert set(perception["volumes"]) <= set(camera["volumes"])
+
+
+# --- compose.secure.yaml ------------------------------------------------------------------------------------------
+
+_SECURE = yaml.safe_load((_ROOT / "compose.secure.yaml").read_text(encoding="utf-8"))
+
+
+def test_every_node_has_an_identity_of_its_own() -> None:
+    assert set(_SECURE["services"]) == set(_SERVICES) - _ONE_SHOT
+    keys = {}
+    for name, service in _SECURE["services"].items():
+        given = {secret["target"]: secret["source"] for secret in service["secrets"]}
+        environment = service["environment"]
+        assert environment["SURVEILNAV_BUS__ROUTER"] == "tls/router:7447"
+        for variable, file in (("CA", "ca.pem"), ("CERTIFICATE", "certificate.pem"), ("KEY", "key.pem")):
+            assert environment[f"SURVEILNAV_BUS__TLS_{variable}"] == f"/run/secrets/{file}"
+            assert file in given
+        identity = given["key.pem"].removesuffix("-key")
+        assert given["certificate.pem"] == f"{identity}-certificate"
+        assert _SECURE["secrets"][given["key.pem"]]["file"].endswith(f"/identities/{identity}/key.pem")
+        identity_from_name(identity)
+        keys[name] = identity
+    assert keys.pop("perception-gpu") == keys["perception"], "the one runs in place of the other"
+    assert len(set(keys.values())) == len(keys)
+    assert not any("ca.key" in secret["file"] for secret in _SECURE["secrets"].values())
+
+
+def test_the_secure_gateway_needs_keys_and_sees_a_change_of_their_file() -> None:
+    gateway = _SECURE["services"]["gateway"]
+    assert gateway["environment"]["SURVEILNAV_GATEWAY__AUTHENTICATION"] == "keys"
+    file = Path(gateway["environment"]["SURVEILNAV_GATEWAY__KEYS_FILE"])
+    assert gateway["volumes"] == [f"${{SURVEILNAV_SECURITY_DIR:-./security}}/gateway:{file.parent}:ro"], "a folder"
+    assert Path("security/gateway") / file.name == DEFAULT_KEYS
+    assert not any(service.get("ports") for service in _SECURE["services"].values())
+
+
+def test_without_security_the_gateway_answers_everybody_on_this_machine_alone() -> None:
+    gateway = _SERVICES["gateway"]
+    assert gateway["environment"]["SURVEILNAV_GATEWAY__AUTHENTICATION"] == "${SURVEILNAV_GATEWAY__AUTHENTICATION:-none}"
+    assert all(port.startswith("127.0.0.1:") for port in gateway["ports"])

@@ -13,9 +13,11 @@ import pytest
 from surveilnav.bus import Node, clock_ns
 from surveilnav.bus.router import free_port
 from surveilnav.cameras_file import load_cameras
-from surveilnav.cli.stack import Stack, environment
+from surveilnav.cli.stack import Stack, bus_name, environment
 from surveilnav.contract import MISSION_CANCEL, MISSION_GOAL, MISSION_STATUS, TRAFFIC
 from surveilnav.messages import FINISHED_STATES, MissionAck, MissionCancel, MissionGoal, MissionStatus, TrafficReport
+from surveilnav.security.folder import SecurityFolder
+from surveilnav.security.identities import identity_from_name
 from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings
 from tests.waiting import patient, until
 
@@ -123,12 +125,13 @@ def starting(folder: Path, cache: Path) -> Iterator[Callable[..., System]]:
             recorder: bool = False,
             cameras_file: Path | None = None,
             lighting: str = "flat",
+            secure: bool = False,
         ) -> System:
             environ.setenv("SURVEILNAV_SIM__LIGHTING", lighting)
             home = SimulatedBuilding(SimulationSettings(building=building, cameras=cameras))
             home.prepare()
             variables = environment(
-                router=f"tcp/127.0.0.1:{free_port()}",
+                router=f"{'tls' if secure else 'tcp'}/127.0.0.1:{free_port()}",
                 building=building,
                 seed=0,
                 cameras=cameras,
@@ -145,8 +148,16 @@ def starting(folder: Path, cache: Path) -> Iterator[Callable[..., System]]:
                 variables["SURVEILNAV_CAMERA__DEPTH"] = "network"  # which is good on rendered pictures
                 names = list(load_cameras(cameras_file).cameras)
             variables["SURVEILNAV_GATEWAY__PORT"] = str(gateway_port)
+            security = make_identities(folder / "security", building, names) if secure else None
             stack = exits.enter_context(
-                Stack(variables, folder / "logs", names, gateway=bool(gateway_port), recorder=recorder)
+                Stack(
+                    variables,
+                    folder / "logs",
+                    names,
+                    gateway=bool(gateway_port),
+                    recorder=recorder,
+                    security=security,
+                )
             )
             node = exits.enter_context(Node("test", "e2e", stack.bus, alive=False))
             stack.wait_ready(node, 90)
@@ -154,3 +165,10 @@ def starting(folder: Path, cache: Path) -> Iterator[Callable[..., System]]:
             return System(stack, node, home, gateway_port)
 
         yield start
+
+
+def make_identities(folder: Path, building: str, cameras: list[str]) -> SecurityFolder:
+    """An identity for each process of a simulated building."""
+    services = ["router", "perception", "fusion", "planner", "gateway", "recorder", "supervisor", "robot-r1"]
+    identities = [identity_from_name(name) for name in [*services, *(f"camera-{name}" for name in cameras)]]
+    return SecurityFolder.create(folder, bus_name(building), identities, ("127.0.0.1",), simulation=True)

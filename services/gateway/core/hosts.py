@@ -49,6 +49,12 @@ def listen_address(written: str) -> str:
     return str(address) if address else bare
 
 
+def is_loopback(listens_at: str) -> bool:
+    """Whether a server at an address (of ``listen_address``) is reached from its own machine alone."""
+    address = _address(listens_at)
+    return address.is_loopback if address else listens_at.lower().removesuffix(".") == "localhost"
+
+
 def allowed_names(listed: str) -> frozenset[str] | None:
     """The names in a comma-separated list; None for ``*``, which allows any name.
 

@@ -17,7 +17,7 @@ import zenoh
 
 from surveilnav.bus import wire
 from surveilnav.bus.logs import RateLimiter
-from surveilnav.bus.settings import MAX_MESSAGE_BYTES, BusSettings
+from surveilnav.bus.settings import MAX_MESSAGE_BYTES, BusSettings, host_and_port
 from surveilnav.bus.traffic import TrafficMeter
 from surveilnav.bus.wire import clock_ns
 from surveilnav.contract import Stream, schema_of
@@ -66,10 +66,12 @@ class Connection:
         stopping: set when the process ends.
         wake: set whenever something arrived that a loop may wait for.
         large_answer: held while waiting for an answer that may be left out; see ``queries.Question``.
+        identity: the common name of this process's certificate; empty without security.
     """
 
     def __init__(self, name: str, settings: BusSettings) -> None:
         self.settings, self.building = settings, settings.building
+        self.identity = ""
         self.log = structlog.get_logger().bind(node=name)
         self.traffic = TrafficMeter()
         self.stopping, self.wake = threading.Event(), threading.Event()
@@ -82,11 +84,16 @@ class Connection:
         """Connects to the router.
 
         Raises:
-            BusError: no router answers in time.
+            BusError: no router answers in time, or it refuses this process's certificate.
+            ConfigError: something is wrong with the files of this process's identity.
         """
+        files = self.settings.tls_files
+        self.identity = files.check() if files else ""
         try:
             self.session = zenoh.open(zenoh.Config.from_json5(self.settings.client_config()))
         except zenoh.ZError as error:
+            if files and (why := files.explain(*host_and_port(self.settings.router))):
+                raise BusError(f"the router at {self.settings.router} can't be used: {why}") from None
             raise BusError(
                 f"no router answers at {self.settings.router} (waited {self.settings.connect_timeout_s:g} s). "
                 "Start one with `surveilnav up` or `python -m surveilnav.bus.router`, "

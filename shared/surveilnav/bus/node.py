@@ -25,6 +25,7 @@ from surveilnav.bus.presence import Presence
 from surveilnav.bus.publishing import LatestMessage, Publisher, Subscription, Table
 from surveilnav.bus.queries import Answer, Handler, QueryServer, Question, RetryAfterMs
 from surveilnav.bus.settings import BusSettings
+from surveilnav.bus.tls import check_owner
 from surveilnav.bus.traffic import wire_bytes
 from surveilnav.bus.wire import clock_ns
 from surveilnav.contract import TRAFFIC, Stream
@@ -70,6 +71,8 @@ class Node:
         self._connection.open()
         try:
             if self._announces:
+                if self._connection.identity:
+                    check_owner(self._connection.identity, self.kind, self.id)
                 self._report_traffic()
                 self._presence.announce(self.kind, self.id)
         except BaseException:  # also after SIGTERM: an open session would keep the process from ending

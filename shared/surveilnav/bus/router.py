@@ -1,5 +1,8 @@
 """The router: Zenoh in router mode. ``python -m surveilnav.bus.router [--listen tcp/127.0.0.1:7447]``.
 
+With ``--listen tls/HOST:PORT --access access.json`` it lets in only identities of its authority, and each does only what the
+rules allow. The files of its own identity are in ``SURVEILNAV_BUS__TLS_CA``, ``_CERTIFICATE`` and ``_KEY``.
+
 It has the same Rust core as zenohd, which may take its place. ``--config FILE`` takes a Zenoh JSON5 file that works for both.
 Start zenohd with ``ZENOH_RUNTIME='(rx: (worker_threads: 8), tx: (worker_threads: 8))'``, as ``main`` does here.
 """
@@ -7,6 +10,7 @@ Start zenohd with ``ZENOH_RUNTIME='(rx: (worker_threads: 8), tx: (worker_threads
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import signal
 import socket
@@ -15,32 +19,68 @@ import threading
 from pathlib import Path
 
 import zenoh
+from pydantic import ValidationError
 
 from surveilnav.bus import logs
 from surveilnav.bus.main import end_with_stdin
-from surveilnav.bus.settings import DEFAULT_PORT, host_and_port, router_config
-from surveilnav.errors import BusError, ConfigError, SurveilNavError
+from surveilnav.bus.settings import DEFAULT_PORT, BusSettings, host_and_port, is_encrypted, router_config
+from surveilnav.bus.tls import TlsFiles
+from surveilnav.errors import BusError, ConfigError, SurveilNavError, explain_settings_error
 
 #: Closing the link of a reader that doesn't read occupies a thread of Zenoh. By default there are one to send and two to
 #: receive; when all are occupied, nobody reaches the router (docs/understand/adr/0006-bulk-data-is-left-out.md).
 _THREADS = "(rx: (worker_threads: 8), tx: (worker_threads: 8))"
 
 
-def open_router(listen: str) -> zenoh.Session:
-    """Opens a router that listens at ``tcp/HOST:PORT``. Close the session to end it.
+def open_router(listen: str, files: TlsFiles | None = None, access: Path | None = None) -> zenoh.Session:
+    """Opens a router that listens at ``tcp/HOST:PORT``, or at ``tls/HOST:PORT`` with an identity and access rules.
+
+    Close the session to end it.
 
     Raises:
         BusError: the endpoint is malformed, the port is taken, or the host isn't this machine's.
+        ConfigError: something is wrong with the identity's files or the rules, or one is there without the other.
     """
     try:
         host, port = host_and_port(listen)
     except ValueError as error:
         raise BusError(f"the router's --listen: {error}, got {listen!r}") from None
+    rules = _secured(listen, files, access)
     _check_free(host, port)
     try:
-        return zenoh.open(zenoh.Config.from_json5(router_config(listen)))
+        return zenoh.open(zenoh.Config.from_json5(router_config(listen, files, rules)))
     except zenoh.ZError as error:
         raise BusError(f"the router can't listen at {listen}: {error}") from error
+
+
+def _secured(listen: str, files: TlsFiles | None, access: Path | None) -> dict[str, object] | None:
+    """The access rules, after all files were checked; None for a router without security. Raises ConfigError."""
+    if not is_encrypted(listen):
+        if files or access:
+            raise ConfigError(
+                f"with access rules or an identity the router listens at tls/HOST:PORT, got {listen!r:.100}"
+            )
+        return None
+    if files is None or access is None:
+        raise ConfigError(
+            "a router at tls/HOST:PORT needs --access access.json, and its identity in SURVEILNAV_BUS__TLS_CA, "
+            "SURVEILNAV_BUS__TLS_CERTIFICATE and SURVEILNAV_BUS__TLS_KEY: `surveilnav security init` makes them"
+        )
+    if (name := files.check()) != "router":
+        raise ConfigError(f"the router's certificate is for {name!r}, not for 'router': {files.certificate}")
+    try:
+        rules = json.loads(access.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError(f"the access rules {access} can't be read: {error.strerror}") from None
+    except ValueError as error:
+        raise ConfigError(
+            f"the access rules {access} aren't JSON ({error}): `surveilnav security rules` makes them anew"
+        ) from None
+    if not isinstance(rules, dict) or rules.get("enabled") is not True or rules.get("default_permission") != "deny":
+        raise ConfigError(
+            f"expected access rules that are enabled and deny by default in {access}: `surveilnav security rules` makes them anew"
+        )
+    return rules
 
 
 def _check_free(host: str, port: int) -> None:
@@ -57,6 +97,11 @@ def _check_free(host: str, port: int) -> None:
         ) from error
 
 
+def _identity(listen: str) -> TlsFiles | None:
+    """The router's own identity, from the environment."""
+    return BusSettings(router=listen).tls_files if is_encrypted(listen) else None
+
+
 def free_port() -> int:
     """A TCP port of the loopback interface that is free now."""
     with socket.create_server(("127.0.0.1", 0)) as server:
@@ -66,7 +111,10 @@ def free_port() -> int:
 def main(argv: list[str] | None = None) -> int:
     """Runs the router until SIGTERM or SIGINT; returns the process's exit code."""
     parser = argparse.ArgumentParser(prog="surveilnav.bus.router", description=__doc__)
-    parser.add_argument("--listen", default=f"tcp/127.0.0.1:{DEFAULT_PORT}", help="tcp/HOST:PORT")
+    parser.add_argument("--listen", default=f"tcp/127.0.0.1:{DEFAULT_PORT}", help="tcp/HOST:PORT or tls/HOST:PORT")
+    parser.add_argument(
+        "--access", type=Path, help="the access rules, with tls/: access.json of `surveilnav security init`"
+    )
     parser.add_argument("--config", type=Path, help="a Zenoh JSON5 file instead of the built-in settings")
     arguments = parser.parse_args(argv)
     logs.configure()
@@ -81,7 +129,10 @@ def main(argv: list[str] | None = None) -> int:
                 raise ConfigError(f"no such router configuration: {arguments.config}")
             session = zenoh.open(zenoh.Config.from_file(str(arguments.config)))
         else:
-            session = open_router(arguments.listen)
+            session = open_router(arguments.listen, _identity(arguments.listen), arguments.access)
+    except ValidationError as error:
+        print(explain_settings_error(error), file=sys.stderr)
+        return 1
     except (SurveilNavError, zenoh.ZError) as error:
         print(f"router: {error}", file=sys.stderr)
         return 1

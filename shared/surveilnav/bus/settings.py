@@ -7,9 +7,10 @@ import re
 from pathlib import Path
 from typing import Literal
 
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+from surveilnav.bus.tls import TlsFiles
 from surveilnav.contract import ID_PATTERN
 
 DEFAULT_PORT = 7447
@@ -25,22 +26,27 @@ _LEASE_MS = 2000
 #: Keep-alive messages per lease; Zenoh's default is 4. Their interval (0.1 s) is also how long the router tries to send what
 #: it still has for a reader that is gone, while senders to that reader wait.
 _ROUTER_KEEP_ALIVE = 20
-_ENDPOINT = re.compile(r"tcp/(?P<host>\[[0-9A-Fa-f:.]+\]|[^][:/?#\s]+):(?P<port>[0-9]{1,5})")
+_ENDPOINT = re.compile(r"(?P<protocol>tcp|tls)/(?P<host>\[[0-9A-Fa-f:.]+\]|[^][:/?#\s]+):(?P<port>[0-9]{1,5})")
 
 
 def host_and_port(endpoint: str) -> tuple[str, int]:
     """Host (an IPv6 address without brackets) and port of an endpoint.
 
     Raises:
-        ValueError: it isn't ``tcp/HOST:PORT``.
+        ValueError: it is neither ``tcp/HOST:PORT`` nor ``tls/HOST:PORT``.
     """
     match = _ENDPOINT.fullmatch(endpoint)
     if not match or not 0 < int(match["port"]) < 65536:
         raise ValueError(
-            f"expected tcp/HOST:PORT with a port from 1 to 65535, such as tcp/127.0.0.1:{DEFAULT_PORT} or "
-            f"tcp/[::1]:{DEFAULT_PORT}"
+            f"expected tcp/HOST:PORT or tls/HOST:PORT with a port from 1 to 65535, such as tcp/127.0.0.1:{DEFAULT_PORT} or "
+            f"tls/[::1]:{DEFAULT_PORT}"
         )
     return match["host"].strip("[]"), int(match["port"])
+
+
+def is_encrypted(endpoint: str) -> bool:
+    """Whether an endpoint is one of TLS."""
+    return endpoint.startswith("tls/")
 
 
 class BusSettings(BaseSettings):
@@ -48,8 +54,16 @@ class BusSettings(BaseSettings):
 
     model_config = SettingsConfigDict(env_prefix="SURVEILNAV_BUS__", extra="ignore")
 
-    router: str = Field(f"tcp/127.0.0.1:{DEFAULT_PORT}", description="the router's endpoint, tcp/HOST:PORT")
+    router: str = Field(
+        f"tcp/127.0.0.1:{DEFAULT_PORT}",
+        description="the router's endpoint, tcp/HOST:PORT, or tls/HOST:PORT with an identity",
+    )
     building: str = Field("building", pattern=ID_PATTERN, description="the building's name in every key")
+    tls_ca: Path | None = Field(None, description="with tls/: the file ca.pem of this process's identity")
+    tls_certificate: Path | None = Field(
+        None, description="with tls/: the file certificate.pem, which says who this process is"
+    )
+    tls_key: Path | None = Field(None, description="with tls/: the file key.pem, which only its owner may read")
     connect_timeout_s: float = Field(
         30.0,
         ge=-1,
@@ -80,6 +94,23 @@ class BusSettings(BaseSettings):
             raise ValueError("expected seconds from 0, or -1 to wait for ever")
         return value
 
+    @model_validator(mode="after")
+    def _check_tls(self) -> BusSettings:
+        given = [self.tls_ca, self.tls_certificate, self.tls_key]
+        names = "SURVEILNAV_BUS__TLS_CA, SURVEILNAV_BUS__TLS_CERTIFICATE and SURVEILNAV_BUS__TLS_KEY"
+        if is_encrypted(self.router) and None in given:
+            raise ValueError(f"a router at tls/HOST:PORT needs {names}: the files of an identity")
+        if not is_encrypted(self.router) and any(given):
+            raise ValueError(f"with {names} the router's endpoint is tls/HOST:PORT: this one isn't encrypted")
+        return self
+
+    @property
+    def tls_files(self) -> TlsFiles | None:
+        """The files of this process's identity; None: the bus has no security."""
+        if self.tls_ca is None or self.tls_certificate is None or self.tls_key is None:
+            return None
+        return TlsFiles(self.tls_ca, self.tls_certificate, self.tls_key)
+
     @property
     def router_port(self) -> int:
         """The TCP port of the router's endpoint."""
@@ -101,29 +132,34 @@ class BusSettings(BaseSettings):
                     "retry": {"period_init_ms": 200, "period_max_ms": 500},
                 },
                 "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
-                "transport": _transport(self.lease_ms, _PROCESS_WAIT_MS),
+                "transport": _transport(self.lease_ms, _PROCESS_WAIT_MS, self.tls_files),
             }
         )
 
 
-def _transport(lease_ms: int, wait_ms: int, **sending: int) -> dict[str, object]:
+def _transport(lease_ms: int, wait_ms: int, files: TlsFiles | None, **sending: int) -> dict[str, object]:
     """Zenoh's ``transport``. For BLOCK_FIRST, ``wait_before_drop`` [us] is the time that a message waits for the one before."""
     queue = {"congestion_control": {"drop": {"wait_before_drop": wait_ms * 1000}}}
-    return {
-        "shared_memory": {"enabled": False},
-        "unicast": {"max_links": 4},
-        "link": {"tx": {"lease": lease_ms, "queue": queue, **sending}, "rx": _RECEIVE},
-    }
+    link: dict[str, object] = {"tx": {"lease": lease_ms, "queue": queue, **sending}, "rx": _RECEIVE}
+    if files is not None:
+        link |= {"protocols": ["tls"], "tls": files.zenoh_config()}
+    return {"shared_memory": {"enabled": False}, "unicast": {"max_links": 4}, "link": link}
 
 
-def router_config(listen: str) -> str:
-    """Zenoh's configuration (JSON5) for the router; zenohd takes the same. Without scouting, it needs no delay at the start."""
+def router_config(listen: str, files: TlsFiles | None = None, access: dict[str, object] | None = None) -> str:
+    """Zenoh's configuration (JSON5) for the router; zenohd takes the same. Without scouting, it needs no delay at the start.
+
+    Args:
+        files: the router's identity; None: no security.
+        access: Zenoh's ``access_control``; see ``surveilnav.security.access``.
+    """
     return json.dumps(
         {
             "mode": "router",
             "listen": {"endpoints": [listen]},
             "scouting": {"delay": 0, "multicast": {"enabled": False}, "gossip": {"enabled": False}},
             "adminspace": {"enabled": True},
-            "transport": _transport(_LEASE_MS, _ROUTER_WAIT_MS, keep_alive=_ROUTER_KEEP_ALIVE),
+            "transport": _transport(_LEASE_MS, _ROUTER_WAIT_MS, files, keep_alive=_ROUTER_KEEP_ALIVE),
+            **({"access_control": access} if access is not None else {}),
         }
     )

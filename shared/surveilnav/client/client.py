@@ -12,6 +12,7 @@ and its text says what to do. Only the calls that return arrays need numpy.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
@@ -39,13 +40,21 @@ class Client:
         url: the gateway's address.
         timeout_s: for connecting, and between two parts of an answer.
         transport: stands in for the network in tests.
+        api_key: the key to send; None: the one in ``SURVEILNAV_API_KEY``, if there is one.
 
     Raises:
         GatewayError: ``url`` is no address.
     """
 
-    def __init__(self, url: str, timeout_s: float = 30.0, transport: httpx.BaseTransport | None = None) -> None:
-        self._gateway = GatewayConnection(url.rstrip("/"), timeout_s, transport)
+    def __init__(
+        self,
+        url: str,
+        timeout_s: float = 30.0,
+        transport: httpx.BaseTransport | None = None,
+        api_key: str | None = None,
+    ) -> None:
+        key = os.environ.get("SURVEILNAV_API_KEY", "").strip() if api_key is None else api_key
+        self._gateway = GatewayConnection(url.rstrip("/"), timeout_s, transport, key)
         self.url = self._gateway.url
 
     def __enter__(self) -> Client:

@@ -22,10 +22,11 @@ _MAX_ITEMS = 1000
 class GatewayConnection:
     """The connections to the gateway at ``url``. The arguments are those of ``Client``. Thread-safe."""
 
-    def __init__(self, url: str, timeout_s: float, transport: httpx.BaseTransport | None) -> None:
+    def __init__(self, url: str, timeout_s: float, transport: httpx.BaseTransport | None, api_key: str = "") -> None:
         self.url = url
         try:
-            self._http = httpx.Client(base_url=url, timeout=timeout_s, transport=transport)
+            headers = {"Authorization": f"Bearer {api_key}"} if api_key else {}
+            self._http = httpx.Client(base_url=url, timeout=timeout_s, transport=transport, headers=headers)
         except httpx.InvalidURL as error:
             raise self._unreachable(error) from error
 

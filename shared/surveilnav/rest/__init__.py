@@ -13,6 +13,7 @@ from surveilnav.rest.missions import FINISHED_STATES, Mission, MissionPlan, Miss
 from surveilnav.rest.recordings import Recorder, Recording, Replay, ReplayChange
 from surveilnav.rest.removals import NewRemoval, Removal
 from surveilnav.rest.robots import Robot, RobotHalt, StageTimes, Target, Worker
+from surveilnav.rest.session import NewSession, Session
 from surveilnav.rest.sightings import SearchedCamera, SearchedRoom, Sighting, Sightings, SightingsRequest
 from surveilnav.rest.streams import LIVE_RESOURCES, Event, LiveState, StreamData, Tile, TileState
 from surveilnav.rest.system import NodeTraffic, Readiness, Service, SourceTraffic, Traffic
@@ -40,6 +41,7 @@ __all__ = [
     "MissionTraffic",
     "NewMission",
     "NewRemoval",
+    "NewSession",
     "NodeTraffic",
     "Object",
     "ObjectEvent",
@@ -57,6 +59,7 @@ __all__ = [
     "SearchedCamera",
     "SearchedRoom",
     "Service",
+    "Session",
     "Sighting",
     "Sightings",
     "SightingsRequest",

@@ -75,6 +75,7 @@ class AccessRecord(BaseModel):
 
     time: datetime
     client: str = Field(description="the client's address")
+    key: str = Field(default="", description="the name of the client's key; empty: no key was needed")
     view: int = Field(description="-1: all of them")
     what: str = Field(description="thumbnail, latest, tile, history (of an object) or recording")
 

@@ -20,6 +20,7 @@ from surveilnav.bus.router import free_port, open_router
 from surveilnav.geometry import Grid, Pinhole, Pose, base_pose, camera_pose
 from surveilnav.sensing.packing import pack_array
 from surveilnav.services.gateway.__main__ import listen, web_server
+from surveilnav.services.gateway.authentication import Authentication
 from surveilnav.services.gateway.config import GatewaySettings
 from surveilnav.services.gateway.service import Gateway
 from tests.waiting import until
@@ -403,12 +404,14 @@ def router() -> Iterator[str]:
 _NUMBERS = itertools.count(1)
 
 
-def serve_gateway(endpoint: str, stack: ExitStack, root_path: str = "") -> tuple[str, Gateway]:
+def serve_gateway(
+    endpoint: str, stack: ExitStack, root_path: str = "", authentication: Authentication | None = None
+) -> tuple[str, Gateway]:
     """A gateway as ``python -m surveilnav.services.gateway`` runs it, on a thread; its address."""
     sock = stack.enter_context(listen("127.0.0.1", 0))
     node = stack.enter_context(Node("gateway", f"gateway-{next(_NUMBERS)}", BusSettings(router=endpoint)))
     gateway = Gateway(node, GatewaySettings(root_path=root_path))
-    server = web_server(gateway, GatewaySettings().names, root_path)
+    server = web_server(gateway, GatewaySettings().names, root_path, authentication)
     thread = threading.Thread(target=server.run, kwargs={"sockets": [sock]}, daemon=True)
     thread.start()
 

@@ -60,7 +60,7 @@ def test_no_picture_is_in_the_log_and_lists_have_pages(client):
         client.get(f"/api/v1/cameras/c1/views/{view}.jpg")
     page = client.get("/api/v1/cameras/c1/looks?limit=2&offset=1").json()
     assert (page["total"], [k["view"] for k in page["items"]]) == (5, [3, 2])
-    assert set(page["items"][0]) == {"time", "client", "view", "what"}
+    assert set(page["items"][0]) == {"time", "client", "key", "view", "what"}
     assert client.get("/api/v1/cameras/nobody/looks").json() == {"items": [], "total": 0}
     with Client(str(client.base_url)) as program:
         assert [k.view for k in program.access_records("c1")] == [4, 3, 2, 1, 0]

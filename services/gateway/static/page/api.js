@@ -13,6 +13,7 @@ export async function ask(path, options) {
   catch { throw new Error("The gateway doesn't answer. Is it running?"); }
   learnTime(answer.headers.get("date"));
   if (answer.ok) return answer;
+  if (answer.status === 401) dispatchEvent(new Event("signed-out"));
   const problem = await answer.json().catch(() => ({}));
   throw Object.assign(new Error(problem.detail || problem.title || `HTTP ${answer.status}`), {
     status: answer.status, name: (problem.type || "").split(":").pop() || "http",

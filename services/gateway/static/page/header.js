@@ -2,6 +2,7 @@
 import { post } from "./api.js";
 import { useNow } from "./clock.js";
 import { connectionState } from "./connection.js";
+import { session, signOut } from "./session.js";
 import { one, useStore } from "./store.js";
 import { ThemeButton } from "./theme.js";
 import { attempt } from "./toasts.js";
@@ -25,6 +26,7 @@ export function Header() {
     ${building && html`<span class="building" title="the building">${building.id}</span>`}
     <span class="pill ${kind}" id="readiness"><i aria-hidden="true"></i>${text}</span>
     <span class="grow"></span>
+    ${session.needed && html`<button class="quiet" onClick=${signOut} title="signed in as ${session.name} (${session.role})">Sign out</button>`}
     <a class="quiet" href="docs">REST</a>
     <${ThemeButton} />
     <button class="stop" onClick=${stop}>Emergency stop</button>

@@ -1,5 +1,7 @@
 // A stream of Server-Sent Events that comes back by itself, sleeps while nobody looks, and notices silence.
 
+import { signInAgain } from "./session.js";
+
 const AGAIN_MS = 2000;
 
 /**
@@ -16,7 +18,11 @@ export function listenTo(path, on, onState = () => {}) {
     source.onopen = () => onState(true);
     source.onerror = () => {
       onState(false);
-      if (source?.readyState === EventSource.CLOSED) { close(); timer = setTimeout(open, AGAIN_MS); } // refused: it wouldn't try again
+      if (source?.readyState === EventSource.CLOSED) { // refused: it wouldn't try again
+        close();
+        signInAgain();
+        timer = setTimeout(open, AGAIN_MS);
+      }
     };
     for (const [kind, take] of Object.entries(on)) source.addEventListener(kind, event => take(JSON.parse(event.data)));
   }
