@@ -8,7 +8,7 @@ from itertools import product
 import pytest
 import zenoh
 
-from surveilnav.contract import JUDGED, LIVELINESS, SIMULATION, STREAMS, Stream
+from surveilnav.contract import INSTANCE, JUDGED, LIVELINESS, SIMULATION, STREAMS, Stream
 from surveilnav.errors import ConfigError
 from surveilnav.security.access import OWNERS, READERS, Rule, access_control, may_own, may_read, own_key, rules_of
 from surveilnav.security.identities import KINDS, NAMED, Identity, identity_from_name
