@@ -98,7 +98,7 @@ _COMMANDS = """## Commands
 
 The commands under "The running system" ask its gateway at `http://127.0.0.1:8080`; name another one by `--url` or
 `SURVEILNAV_URL`. If it needs a key, put that into `SURVEILNAV_API_KEY`. In place of the id of a mission or camera you may type
-its beginning, if no other id begins in the same way.
+its beginning, if no other id begins in the same way. `security` works on files, and asks nothing.
 
 """
 _JSON = """## For programs

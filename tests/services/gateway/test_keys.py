@@ -341,9 +341,8 @@ def test_the_log_says_who_commanded_what_and_has_no_key(as_, keys):
     events = {line["event"] for line in lines}
     assert {"commanded", "refused", "a wrong key", "signed in"} <= events
     told = json.dumps(lines, default=str)
-    for key in [*keys.of.values(), "a" * 43]:
-        assert key not in told
-        assert key.split("_", 2)[2] not in told
+    for secret in [*(key.split("_", 2)[2] for key in keys.of.values()), "a" * 43]:
+        assert secret not in told
 
 
 def test_the_access_log_has_the_name_of_the_key(as_):
