@@ -28,6 +28,7 @@ IDS = {
     "target": "tv",
     "number": 3,
     "of": ["x1/3"],
+    "source": "camera/x1",
     "path": Path(os.devnull),
 }
 
