@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing
@@ -12,6 +13,7 @@ import httpx
 import msgspec
 import numpy as np
 import pytest
+import structlog
 
 from surveilnav import contract
 from surveilnav import messages as m
@@ -387,6 +389,14 @@ class FakeBuilding:
         self.widths_px.append(request.message.width_px)
         _, jpeg = cv2.imencode(".jpg", np.full((48, 64, 3), 10 * request.message.views[0], np.uint8))
         return Answer(m.Ack(stamp_ns=clock_ns()), b"no picture" if request.message.views[0] == 11 else jpeg.tobytes())
+
+
+@pytest.fixture(autouse=True, scope="module")
+def log_apart_from_output() -> Iterator[None]:
+    """The gateway runs in the process of the tests: what it logs must not come between the output of commands."""
+    structlog.configure(logger_factory=structlog.PrintLoggerFactory(sys.__stderr__))
+    yield
+    structlog.reset_defaults()
 
 
 @pytest.fixture(scope="session")
