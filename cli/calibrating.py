@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from surveilnav.camera_pose import Clicks, FloorPlan, PoseFit, solve_pose
 from surveilnav.camera_pose.angles import yaw_pitch_roll
+from surveilnav.camera_pose.estimated_pose import EstimatedPose
 from surveilnav.camera_pose.overlay import draw_overlay
 from surveilnav.cameras_file import CameraEntry, load_cameras
 from surveilnav.errors import ConfigError
@@ -43,17 +44,22 @@ class Calibrated:
     fit: PoseFit
     fitted_hfov: bool
 
-    @property
-    def too_uncertain(self) -> bool:
-        """Whether the pose is twice as uncertain as searches can do with."""
-        return self.fit.position_sigma_m > 2 * GOOD_M or self.fit.angle_sigma_rad > 2 * GOOD_RAD
-
     def yaml_values(self) -> dict[str, str]:
         """What the file of cameras should say, by entry."""
         values = yaml_of_pose(self.fit.T_world_camera)
         if self.fitted_hfov:
             values["lens.hfov_deg"] = f"{math.degrees(self.fit.hfov_rad):.2f}"
         return values
+
+
+def is_good(pose: EstimatedPose, factor: float = 1.0) -> bool:
+    """Whether a pose is at most ``factor`` times as uncertain as searches can do with."""
+    return pose.position_sigma_m <= factor * GOOD_M and pose.angle_sigma_rad <= factor * GOOD_RAD
+
+
+def is_usable(pose: EstimatedPose) -> bool:
+    """Whether people needn't be warned of a pose: twice as uncertain as searches can do with is too much."""
+    return is_good(pose, 2.0)
 
 
 def yaml_of_pose(T_world_camera: Matrix4) -> dict[str, str]:
@@ -197,19 +203,37 @@ def _picture_of_stream(entry: CameraEntry, cameras_file: Path) -> NDArray[np.uin
         reader.close()
 
 
-def as_json(made: Calibrated, written: bool) -> dict[str, Any]:
-    """For programs."""
-    yaw, pitch, roll = (math.degrees(a) for a in yaw_pitch_roll(made.fit.T_world_camera))
-    fit = made.fit
+def numbers_of_pose(pose: EstimatedPose) -> dict[str, Any]:
+    """A pose and its uncertainty for programs."""
+    yaw, pitch, roll = (math.degrees(a) for a in yaw_pitch_roll(pose.T_world_camera))
     return {
-        "camera": made.entry.name,
-        "position_m": [round(float(x), 4) for x in fit.T_world_camera[:3, 3]],
+        "position_m": [round(float(x), 4) for x in pose.T_world_camera[:3, 3]],
         "yaw_deg": round(yaw, 3),
         "pitch_deg": round(pitch, 3),
         "roll_deg": round(roll, 3),
+        "position_sigma_m": round(pose.position_sigma_m, 4),
+        "angle_sigma_deg": round(math.degrees(pose.angle_sigma_rad), 3),
+    }
+
+
+def lines_of_pose(pose: EstimatedPose, floor_z_m: float) -> list[str]:
+    """A pose and its uncertainty for people."""
+    yaw, pitch, roll = (math.degrees(a) for a in yaw_pitch_roll(pose.T_world_camera))
+    x, y, z = pose.T_world_camera[:3, 3]
+    angle = math.degrees(pose.angle_sigma_rad)
+    return [
+        f"position {x:.2f}, {y:.2f} m, {z - floor_z_m:.2f} m above the floor; ± {pose.position_sigma_m:.2f} m",
+        f"yaw {yaw:.1f}, pitch {pitch:.1f}, roll {roll:.1f} degrees; ± {angle:.1f} degrees",
+    ]
+
+
+def as_json(made: Calibrated, written: bool) -> dict[str, Any]:
+    """For programs."""
+    fit = made.fit
+    return {
+        "camera": made.entry.name,
+        **numbers_of_pose(fit),
         "hfov_deg": round(math.degrees(fit.hfov_rad), 3),
-        "position_sigma_m": round(fit.position_sigma_m, 4),
-        "angle_sigma_deg": round(math.degrees(fit.angle_sigma_rad), 3),
         "points": [
             {"line": line, "residual_px": rounded(px, 2), "residual_m": rounded(m, 4), "used": bool(used)}
             for line, px, m, used in zip(
@@ -235,18 +259,13 @@ def show(made: Calibrated, console: Console) -> None:
         off = f"{px:5.1f} px, {100 * m:5.1f} cm off" if math.isfinite(px) else "  out of sight"
         told = f"point {number:2} (line {line}): {off}" + ("" if used else "   left out: it contradicts the others")
         console.print(told, markup=False, style="" if used else "red", soft_wrap=True)
-    yaw, pitch, roll = (math.degrees(a) for a in yaw_pitch_roll(fit.T_world_camera))
-    x, y, z = fit.T_world_camera[:3, 3]
-    lines = [
-        f"position {x:.2f}, {y:.2f} m, {z - made.floor_z_m:.2f} m above the floor; ± {fit.position_sigma_m:.2f} m",
-        f"yaw {yaw:.1f}, pitch {pitch:.1f}, roll {roll:.1f} degrees; ± {math.degrees(fit.angle_sigma_rad):.1f} degrees",
-    ]
+    lines = lines_of_pose(fit, made.floor_z_m)
     if made.fitted_hfov:
         sigma = math.degrees(fit.hfov_sigma_rad)
         lines.append(f"horizontal field of view {math.degrees(fit.hfov_rad):.1f} degrees; ± {sigma:.1f} degrees")
     for text in lines:
         console.print(text, markup=False, soft_wrap=True)
-    if made.too_uncertain:
+    if not is_usable(fit):
         console.print(TOO_UNCERTAIN, style="yellow", soft_wrap=True)
     console.print(f"\n# {made.entry.name} in cameras.yaml", markup=False)
     for name, value in made.yaml_values().items():

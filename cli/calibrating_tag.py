@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 
-from surveilnav.camera_pose.angles import yaw_pitch_roll
 from surveilnav.camera_pose.tag import (
     MIN_STOPS,
     Sightings,
@@ -27,7 +26,7 @@ from surveilnav.camera_pose.tag import (
 )
 from surveilnav.cameras_file import CameraEntry, CamerasFile, load_cameras
 from surveilnav.cameras_file.edit import write_camera
-from surveilnav.cli.calibrating import GOOD_M, GOOD_RAD, yaml_of_pose
+from surveilnav.cli.calibrating import is_good, is_usable, lines_of_pose, numbers_of_pose, yaml_of_pose
 from surveilnav.cli.collecting_tag import CameraWatch, RobotWatch, collect
 from surveilnav.errors import ConfigError, PoseError
 
@@ -97,9 +96,7 @@ class TagCalibration:
         """Whether the poses of all cameras on the floors that the robot stopped on are certain enough for searches."""
         floors = {stop.floor for stop in self.sightings.stops}
         return all(
-            (camera := fit.cameras.get(name)) is not None
-            and camera.position_sigma_m <= GOOD_M
-            and camera.angle_sigma_rad <= GOOD_RAD
+            (camera := fit.cameras.get(name)) is not None and is_good(camera)
             for name, entry in self.cameras.cameras.items()
             if entry.floor in floors
         )
@@ -181,14 +178,8 @@ def as_json(made: TagCalibration, fit: TagFit, written: bool) -> dict[str, Any]:
     """For programs."""
     cameras = {}
     for name, camera in fit.cameras.items():
-        yaw, pitch, roll = (math.degrees(a) for a in yaw_pitch_roll(camera.T_world_camera))
         cameras[name] = {
-            "position_m": [round(float(x), 4) for x in camera.T_world_camera[:3, 3]],
-            "yaw_deg": round(yaw, 3),
-            "pitch_deg": round(pitch, 3),
-            "roll_deg": round(roll, 3),
-            "position_sigma_m": round(camera.position_sigma_m, 4),
-            "angle_sigma_deg": round(math.degrees(camera.angle_sigma_rad), 3),
+            **numbers_of_pose(camera),
             "stops": list(camera.stops),
             "residual_px": round(camera.residual_px, 2),
         }
@@ -227,13 +218,10 @@ def show(made: TagCalibration, fit: TagFit, console: Console) -> None:
     tell(_tag_in_words(fit))
     for name, camera in fit.cameras.items():
         floor_z_m = made.cameras.floors[made.cameras.cameras[name].floor].z_m
-        yaw, pitch, roll = (math.degrees(a) for a in yaw_pitch_roll(camera.T_world_camera))
-        x, y, z = camera.T_world_camera[:3, 3]
-        angle = math.degrees(camera.angle_sigma_rad)
         tell(f"\n{name}: {len(camera.stops)} stops, {camera.residual_px:.1f} px off")
-        tell(f"position {x:.2f}, {y:.2f} m, {z - floor_z_m:.2f} m above the floor; ± {camera.position_sigma_m:.2f} m")
-        tell(f"yaw {yaw:.1f}, pitch {pitch:.1f}, roll {roll:.1f} degrees; ± {angle:.1f} degrees")
-        if camera.position_sigma_m > 2 * GOOD_M or camera.angle_sigma_rad > 2 * GOOD_RAD:
+        for line in lines_of_pose(camera, floor_z_m):
+            tell(line)
+        if not is_usable(camera):
             tell(
                 "That is too uncertain for searches, which need 0.05 m and 1 degree: make more stops in its view.",
                 "yellow",

@@ -13,7 +13,7 @@ from surveilnav.camera_pose import FloorPlan
 from surveilnav.camera_pose.angles import angle_sigmas
 from surveilnav.camera_pose.footprint import seen_floor
 from surveilnav.camera_pose.overlay import grid_lines, projected, visible_lines, wall_lines
-from surveilnav.cli.calibrating import TOO_UNCERTAIN, Calibrated, as_json, rounded
+from surveilnav.cli.calibrating import TOO_UNCERTAIN, Calibrated, as_json, is_usable, rounded
 
 _LINE_TOLERANCE_PX = 0.3
 _REACH_M = 10.0  # of what is drawn of the camera's view on the plan
@@ -38,7 +38,7 @@ def solution(made: Calibrated, plan: FloorPlan) -> dict[str, Any]:
         "position_sigmas_m": [round(float(s), 4) for s in np.sqrt(np.diag(fit.covariance)[:3])],
         "angle_sigmas_deg": [round(math.degrees(s), 3) for s in sigmas_rad],
         "hfov_sigma_deg": round(math.degrees(fit.hfov_sigma_rad), 3),
-        "warning": TOO_UNCERTAIN if made.too_uncertain else "",
+        "warning": "" if is_usable(fit) else TOO_UNCERTAIN,
         "predicted_px": [
             None if rounded(u, 2) is None else [rounded(u, 2), rounded(v, 2)]
             for u, v in projected(lens, T, made.p_world)

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from surveilnav.camera_pose.estimated_pose import EstimatedPose
 from surveilnav.camera_pose.hypotheses import AGREES_D2, coplanarity_m, refined_on_all, refined_on_consensus
 from surveilnav.camera_pose.refine import Observations, Refined, linearise, with_focal
 from surveilnav.errors import PoseError
@@ -34,13 +35,10 @@ _FOCAL_FACTORS = 2.0 ** np.linspace(-0.6, 0.6, 9)
 
 
 @dataclass(frozen=True, eq=False)
-class PoseFit:
-    """A camera's pose, with what tells how good it is.
+class PoseFit(EstimatedPose):
+    """A camera's pose from clicked points, with what tells how good it is.
 
     Attributes:
-        T_world_camera: (4, 4), OpenCV axes.
-        covariance: (6, 6) of the position [m] and of a small rotation [rad] about the world's axes.
-            Larger than the clicks' assumed errors imply if their residuals are.
         residuals_px: (n, 2), clicked minus predicted pixel; NaN where the camera can't see the point.
         residuals_m: (n,), distance between the point and the ray of its pixel.
         inliers: (n,) bool, the points that the pose was fitted to; the others contradict it.
@@ -49,24 +47,12 @@ class PoseFit:
         lens: with that field of view.
     """
 
-    T_world_camera: Matrix4
-    covariance: NDArray[np.float64]
     residuals_px: NDArray[np.float64]
     residuals_m: NDArray[np.float64]
     inliers: NDArray[np.bool_]
     hfov_rad: float
     hfov_sigma_rad: float
     lens: Lens
-
-    @property
-    def position_sigma_m(self) -> float:
-        """Standard deviation of the position: the root of the summed variances of x, y and z."""
-        return math.sqrt(np.trace(self.covariance[:3, :3]))
-
-    @property
-    def angle_sigma_rad(self) -> float:
-        """Standard deviation of the direction: the root of the summed variances about three axes."""
-        return math.sqrt(np.trace(self.covariance[3:, 3:]))
 
 
 @dataclass(frozen=True, eq=False)

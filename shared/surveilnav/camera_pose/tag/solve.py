@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from surveilnav.camera_pose.estimated_pose import EstimatedPose
 from surveilnav.camera_pose.tag.adjustment import adjust, covariance
 from surveilnav.camera_pose.tag.geometry_of_stops import fault_of_stops
 from surveilnav.camera_pose.tag.model import CAMERA_DOF, Observations, State, linearise, squared_distances
@@ -29,30 +30,16 @@ _FIRST_CAMERAS = 3  # by which the tag's place on the robot is looked for
 
 
 @dataclass(frozen=True, eq=False)
-class TagCamera:
-    """A camera that the tag was carried past.
+class TagCamera(EstimatedPose):
+    """The pose of a camera that the tag was carried past.
 
     Attributes:
-        covariance: (6, 6) of the position [m] and of a small rotation [rad] about the world's axes.
-            Larger than the assumed errors imply if the sightings fit worse.
         stops: numbers of the stops that its pose follows from.
         residual_px: root mean square distance of a corner from its prediction.
     """
 
-    T_world_camera: Matrix4
-    covariance: NDArray[np.float64]
     stops: tuple[int, ...]
     residual_px: float
-
-    @property
-    def position_sigma_m(self) -> float:
-        """Standard deviation of the position: the root of the summed variances of x, y and z."""
-        return math.sqrt(np.trace(self.covariance[:3, :3]))
-
-    @property
-    def angle_sigma_rad(self) -> float:
-        """Standard deviation of the direction: the root of the summed variances about three axes."""
-        return math.sqrt(np.trace(self.covariance[3:, 3:]))
 
 
 @dataclass(frozen=True, slots=True)
