@@ -10,7 +10,7 @@ from typing import Any
 from surveilnav.messages import FrameHeader
 from surveilnav.services.fusion.core import FusionConfig, JointMap
 from surveilnav.services.fusion.core.objects.map_object import ObjectChange
-from surveilnav.services.fusion.core.removal import Contribution, without
+from surveilnav.services.fusion.core.removal import without
 from surveilnav.services.fusion.core.snapshot import freeze, thaw
 from surveilnav.services.fusion.core.views.validation import ViewError
 from surveilnav.services.fusion.map_log.removal import Removal
@@ -190,7 +190,7 @@ class BuildingMaps:
     def remove_by_provenance(self, removal: Removal) -> None:
         """Takes what a source alone has contributed out of the maps, as far as they know whose it is."""
         with self.lock:
-            self.joint = without(self.joint, Contribution(removal.source, removal.since_ns, removal.until_ns))
+            self.joint = without(self.joint, removal.contribution)
             self.processed.drop(removal.source)
             self.removals, self.epoch = removal.id, _new_epoch()
 

@@ -39,10 +39,27 @@ class Contribution:
     def is_whole(self) -> bool:
         return self.since_ns is None and self.until_ns is None
 
+    @property
+    def low_ns(self) -> int:
+        """The beginning of the span; without one, before all stamps."""
+        return -(2**63) if self.since_ns is None else self.since_ns
+
+    @property
+    def high_ns(self) -> int:
+        """The end of the span; without one, after all stamps."""
+        return 2**63 - 1 if self.until_ns is None else self.until_ns
+
     def covers(self, first_ns: int, last_ns: int) -> bool:
         """Whether everything that was seen from one time to another [ns] lies in the span."""
-        after = self.since_ns is None or first_ns >= self.since_ns
-        return after and (self.until_ns is None or last_ns <= self.until_ns)
+        return self.low_ns <= first_ns and last_ns <= self.high_ns
+
+    def overlaps(self, first_ns: int, last_ns: int) -> bool:
+        """Whether anything that was seen from one time to another [ns] may lie in the span."""
+        return self.low_ns <= last_ns and first_ns <= self.high_ns
+
+    def includes(self, source: str, stamp_ns: int) -> bool:
+        """Whether a view of a source that was taken at a time [ns] is part of it."""
+        return source == self.source and self.covers(stamp_ns, stamp_ns)
 
 
 def without(joint: JointMap, removed: Contribution) -> JointMap:
@@ -56,18 +73,14 @@ def without(joint: JointMap, removed: Contribution) -> JointMap:
         _remove_from_geometry(maps["geometry"], removed, joint.config.map)
         maps["geometry"]["revision"] = revision
         views = maps["value"]["views"]
-        maps["value"]["views"] = [row for row in views if not _is_of(removed, row[0], row[3].stamp_ns)]
+        kept_views = [row for row in views if not removed.includes(row[0], row[3].stamp_ns)]
+        maps["value"]["views"] = [[*row[:3], _plain(row[3])] for row in kept_views]
         objects = maps["objects"]["objects"]
         maps["objects"]["objects"] = [o for o in objects if _remove_from_object(o, removed, joint.config)]
-        maps["value"]["views"] = [[*row[:3], _plain(row[3])] for row in maps["value"]["views"]]
     state["floors"] = [maps for maps in state["floors"] if not _is_empty(maps)]
     kept = {maps["geometry"]["floor"] for maps in state["floors"]}
     state["name_of"] = {name: floor for name, floor in state["name_of"].items() if floor in kept}
     return JointMap.from_state(state, joint.config)
-
-
-def _is_of(removed: Contribution, source: str, stamp_ns: int) -> bool:
-    return source == removed.source and removed.covers(stamp_ns, stamp_ns)
 
 
 def _plain(view: Any) -> dict[str, Any]:
@@ -76,7 +89,7 @@ def _plain(view: Any) -> dict[str, Any]:
 
 def _remove_from_validator(state: dict[str, Any], removed: Contribution) -> None:
     for name in ("last", "doubted"):
-        state[name] = [row for row in state[name] if not _is_of(removed, row[0], row[2]["stamp_ns"])]
+        state[name] = [row for row in state[name] if not removed.includes(row[0], row[2]["stamp_ns"])]
     if removed.is_whole:
         state["last_seq"].pop(removed.source, None)
         state["missed"].pop(removed.source, None)
@@ -86,7 +99,7 @@ def _remove_from_geometry(state: dict[str, Any], removed: Contribution, config: 
     """Removes voxels, what cells counted of them, and free depths."""
     voxels, sets = state["cloud"]["voxels"], state["cloud"]["sets"]
     is_alone = np.array([members == [removed.source] for members in sets])[voxels["sources"]]
-    gone = is_alone & (voxels["first_ns"] >= _low(removed)) & (voxels["last_ns"] <= _high(removed))
+    gone = is_alone & (voxels["first_ns"] >= removed.low_ns) & (voxels["last_ns"] <= removed.high_ns)
     if removed.is_whole:
         _remove_from_sets(state["cloud"], removed.source)
     keys = voxels["key"]
@@ -112,7 +125,7 @@ def _remove_from_geometry(state: dict[str, Any], removed: Contribution, config: 
     for name in voxels:
         voxels[name] = voxels[name][~gone]
     images = state["free_depths"]["images"]
-    state["free_depths"]["images"] = [i for i in images if not _is_of(removed, i["order"][1], i["order"][0])]
+    state["free_depths"]["images"] = [i for i in images if not removed.includes(i["order"][1], i["order"][0])]
     others = {m for number in np.unique(voxels["sources"]) for m in sets[number]} - {removed.source}
     if removed.is_whole and removed.source.startswith("robot/") and not any(m.startswith("robot/") for m in others):
         state["layers"]["visited"][:] = 0  # no other robot was ever here
@@ -201,11 +214,3 @@ def _count(
 def _is_carved(voxels: dict[str, NDArray[Any]], config: MapConfig) -> NDArray[np.bool_]:
     deciding = {0: None, 1: "seen_through_ns", 2: "seen_through_before_ns"}[config.carve_views]
     return np.zeros(len(voxels["key"]), np.bool_) if deciding is None else np.asarray(voxels[deciding] != NEVER)
-
-
-def _low(removed: Contribution) -> int:
-    return -(2**63) if removed.since_ns is None else removed.since_ns
-
-
-def _high(removed: Contribution) -> int:
-    return 2**63 - 1 if removed.until_ns is None else removed.until_ns

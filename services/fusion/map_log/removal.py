@@ -6,6 +6,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
+from surveilnav.services.fusion.core.removal import Contribution
+
 #: Of each source whose views maps have processed: the first and the last stamp of these views [ns].
 Spans = Mapping[str, tuple[int, int]]
 
@@ -43,14 +45,13 @@ class Removal:
     finished_ns: int = 0
 
     @property
-    def is_whole(self) -> bool:
-        """Whether everything of the source is removed, whenever it was taken."""
-        return self.since_ns is None and self.until_ns is None
+    def contribution(self) -> Contribution:
+        """What is to be removed."""
+        return Contribution(self.source, self.since_ns, self.until_ns)
 
     def includes(self, source: str, stamp_ns: int) -> bool:
         """Whether a view of a source that was taken at a time [ns] is to be removed."""
-        after = self.since_ns is None or stamp_ns >= self.since_ns
-        return source == self.source and after and (self.until_ns is None or stamp_ns <= self.until_ns)
+        return self.contribution.includes(source, stamp_ns)
 
     def may_touch(self, spans: Spans) -> bool:
         """Whether maps that have processed views of these spans may hold any view that is to be removed."""
@@ -58,9 +59,7 @@ class Removal:
             return True
         if self.source not in spans:
             return False
-        first_ns, last_ns = spans[self.source]
-        after = self.since_ns is None or last_ns >= self.since_ns
-        return after and (self.until_ns is None or first_ns <= self.until_ns)
+        return self.contribution.overlaps(*spans[self.source])
 
 
 @dataclass(frozen=True, slots=True)
