@@ -25,6 +25,7 @@ from surveilnav.services.camera_node.sources.readers.choose import choose_reader
 from surveilnav.services.camera_node.sources.readers.reader import FrameReader
 from surveilnav.services.camera_node.sources.stream import StreamSource
 from surveilnav.services.camera_node.taking import take_camera
+from surveilnav.storage import file_stamp
 
 _LOOK_AT_FILE_S = 2.0
 
@@ -151,12 +152,12 @@ class _WatchedFile:
     """
 
     def __init__(self, path: Path) -> None:
-        self._path, self._stamp = path, _stamp(path)
+        self._path, self._stamp = path, file_stamp(path)
         self.file = load_cameras(path)
 
     def reload_if_changed(self) -> bool:
         """Whether the file has changed and was read. ConfigError: nothing in it can be used; ``file`` stays the former one."""
-        if (stamp := _stamp(self._path)) == self._stamp:
+        if (stamp := file_stamp(self._path)) == self._stamp:
             return False
         self._stamp = stamp
         self.file = load_cameras(self._path)
@@ -166,11 +167,3 @@ class _WatchedFile:
         """The cameras of the file as it is now."""
         self.reload_if_changed()
         return list(self.file.cameras)
-
-
-def _stamp(path: Path) -> tuple[int, int]:
-    try:
-        status = path.stat()
-    except OSError:
-        return 0, 0
-    return status.st_mtime_ns, status.st_size

@@ -22,6 +22,7 @@ from surveilnav.security.api_keys import ApiKey, ApiKeysFile, split_key
 from surveilnav.services.gateway.core.attempts import FailedAttempts
 from surveilnav.services.gateway.core.problems import Problem
 from surveilnav.services.gateway.requester import Person
+from surveilnav.storage import file_stamp
 
 #: How long a session lasts, and how many there may be.
 SESSION_S = 12 * 3600.0
@@ -46,7 +47,7 @@ class Authentication:
     def __init__(self, keys_file: Path | None) -> None:
         self._file = None if keys_file is None else ApiKeysFile(keys_file)
         self._keys: dict[str, ApiKey] = {}
-        self._read_at: tuple[int, ...] | None = None
+        self._stamp: tuple[int, ...] | None = None
         self._fault = ""
         #: Digests of keys that were compared already, under a secret of this process: so a request costs microseconds.
         self._secret = secrets.token_bytes(32)
@@ -133,14 +134,9 @@ class Authentication:
         """Reads the file if it changed. While it can't be read nobody is let in, and the log says why."""
         if self._file is None:
             return
-        try:
-            found = self._file.path.stat()
-            at: tuple[int, ...] = (found.st_mtime_ns, found.st_size, found.st_ino, found.st_mode)
-        except OSError:
-            at = ()
-        if at == self._read_at:
+        if (stamp := file_stamp(self._file.path)) == self._stamp:
             return
-        self._read_at = at
+        self._stamp = stamp
         self._verified.clear()
         try:
             keys, self._fault = self._file.read(), ""

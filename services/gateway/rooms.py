@@ -12,6 +12,7 @@ from surveilnav.bus import Node
 from surveilnav.cameras_file import load_cameras
 from surveilnav.errors import ConfigError
 from surveilnav.messages import Room
+from surveilnav.storage import file_stamp
 
 
 class Rooms:
@@ -23,7 +24,7 @@ class Rooms:
 
     def __init__(self, node: Node, file: Path | None) -> None:
         self._node, self._file = node, file
-        self._stamp: tuple[int, int] | None = None
+        self._stamp: tuple[int, ...] | None = None
         self._rooms: list[Room] = []
         self._lock = threading.Lock()
 
@@ -44,11 +45,10 @@ class Rooms:
         if self._file is None:
             return
         try:
-            status = self._file.stat()
-            if (stamp := (status.st_mtime_ns, status.st_size)) == self._stamp:
+            if (stamp := file_stamp(self._file)) == self._stamp:
                 return
             floors = load_cameras(self._file).floors
-        except (OSError, ConfigError) as error:
+        except ConfigError as error:
             self._node.warn_seldom("rooms can't be read", file=str(self._file), error=str(error))
             return
         self._stamp = stamp

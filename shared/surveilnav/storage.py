@@ -42,6 +42,15 @@ def atomic_write(path: Path) -> Iterator[IO[bytes]]:
         raise
 
 
+def file_stamp(path: Path) -> tuple[int, ...]:
+    """Changes whenever a file is written, replaced or given other rights; () while there is none."""
+    try:
+        status = path.stat()
+    except OSError:
+        return ()
+    return status.st_mtime_ns, status.st_size, status.st_ino, status.st_mode
+
+
 def write_parts(path: Path, kind: bytes, parts: Sequence[bytes]) -> int:
     """Writes ``parts`` with a checksum to ``path``, atomically.
 
