@@ -391,7 +391,7 @@ class FakeBuilding:
         return Answer(m.Ack(stamp_ns=clock_ns()), b"no picture" if request.message.views[0] == 11 else jpeg.tobytes())
 
 
-@pytest.fixture(autouse=True, scope="module")
+@pytest.fixture(scope="module")
 def log_apart_from_output() -> Iterator[None]:
     """The gateway runs in the process of the tests: what it logs must not come between the output of commands."""
     structlog.configure(logger_factory=structlog.PrintLoggerFactory(sys.__stderr__))

@@ -15,6 +15,8 @@ from surveilnav.cli import main as cli_main
 from surveilnav.cli.main import main
 from tests.waiting import until
 
+pytestmark = pytest.mark.usefixtures("log_apart_from_output")
+
 
 @pytest.fixture
 def typed(client, monkeypatch, capsys):

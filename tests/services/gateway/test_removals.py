@@ -16,6 +16,8 @@ from surveilnav.contract import MAP_REVISION
 from surveilnav.messages import Revision
 from tests.waiting import until
 
+pytestmark = pytest.mark.usefixtures("log_apart_from_output")
+
 REMOVALS = "/api/v1/removals"
 
 
