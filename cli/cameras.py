@@ -23,7 +23,7 @@ from surveilnav.cli.options import (
     print_result,
     results,
 )
-from surveilnav.cli.removing import FromMaps, Since, Until, check_span, remove_from_maps
+from surveilnav.cli.removing import FromMaps, Since, Until, check_span, known_or_as_typed, remove_from_maps
 from surveilnav.cli.words import clock
 
 if TYPE_CHECKING:
@@ -92,8 +92,7 @@ def remove(
 
 def _remove_from_maps(asked: Client, id: str, since: datetime | None, until: datetime | None, as_json: bool) -> None:
     cameras = {camera.id: camera for camera in asked.cameras()}
-    if any(there.startswith(id) for there in cameras):  # a camera that isn't listed any more may still be in the maps
-        id = known(asked, "camera", id)
+    id = known_or_as_typed(asked, "camera", id, cameras)
     if id in cameras and not cameras[id].stale and not cameras[id].paused:
         told = f"{id} goes on looking, and what it sees from now on enters the maps: if it is wrong, `cameras pause {id}` first"
         console.print(told, markup=False, soft_wrap=True)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterable
 from datetime import datetime
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from surveilnav.cli.completing import known
 from surveilnav.cli.options import console, print_result, results
 
 if TYPE_CHECKING:
@@ -37,6 +39,11 @@ def check_span(from_maps: bool, since: datetime | None, until: datetime | None) 
     """Refuses a time span that would have no effect."""
     if (since or until) and not from_maps:
         raise typer.BadParameter("--since and --until say what is taken out of the maps: add --from-maps")
+
+
+def known_or_as_typed(asked: Client, kind: str, typed: str, listed: Iterable[str]) -> str:
+    """The id that begins with what was typed; what isn't listed any more may still be in the maps, and is taken as it is."""
+    return known(asked, kind, typed) if any(id.startswith(typed) for id in listed) else typed
 
 
 def remove_from_maps(asked: Client, source: str, since: datetime | None, until: datetime | None, as_json: bool) -> None:

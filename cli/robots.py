@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from surveilnav.cli.completing import known, robot_ids
+from surveilnav.cli.completing import robot_ids
 from surveilnav.cli.options import (
     DEFAULT_URL,
     AsJson,
@@ -18,7 +18,7 @@ from surveilnav.cli.options import (
     print_result,
     results,
 )
-from surveilnav.cli.removing import FromMaps, Since, Until, remove_from_maps
+from surveilnav.cli.removing import FromMaps, Since, Until, known_or_as_typed, remove_from_maps
 
 if TYPE_CHECKING:
     from surveilnav.rest import RobotHalt
@@ -59,8 +59,7 @@ def remove(
             "a robot that left is shown as silent; to take what it saw out of the maps, add --from-maps"
         )
     with gateway(url) as asked:
-        if any(robot.id.startswith(id) for robot in asked.robots()):
-            id = known(asked, "robot", id)
+        id = known_or_as_typed(asked, "robot", id, (robot.id for robot in asked.robots()))
         remove_from_maps(asked, f"robot/{id}", since, until, as_json)
 
 

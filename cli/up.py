@@ -67,14 +67,7 @@ def run_up(
     names = [camera.name for camera in plan.cameras] if surveillance else []
     stopping = _set_by_signals()
     with (
-        Stack(
-            variables,
-            logs,
-            names,
-            gateway=True,
-            recorder=record,
-            security=folder,
-        ) as stack,
+        Stack(variables, logs, names, gateway=True, recorder=record, security=folder) as stack,
         Node("cli", "up", stack.bus, alive=False) as node,
     ):
         stack.wait_ready(node, 120.0)  # what ends before all are ready has a reason that no restart mends

@@ -64,7 +64,13 @@ class CameraSearchAnswers:
 
     def _report(self, target: str, floor: str | None, rooms: list[Room]) -> CameraSearchReport:
         infos = sorted(self._on(floor), key=lambda info: info.camera)
-        lacking = {info.camera: why for info in infos if (why := self._why_lacking(info))}
+        with self._maps.lock:
+            quarantined = self._maps.joint.quarantine.reasons()
+        lacking = {
+            info.camera: why
+            for info in infos
+            if (why := self._why_lacking(info, quarantined.get(f"camera/{info.camera}", "")))
+        }
         uses = [CameraUse(info.camera, self._n_processed(info), len(info.views)) for info in infos]
         in_view = self._in_view([room for room in rooms if floor in (None, room.floor)], infos)
         return CameraSearchReport(
@@ -94,13 +100,12 @@ class CameraSearchAnswers:
                 answers.append(RoomInView(floor=floor, name=room.name, share=share, cameras=cameras))
         return answers
 
-    def _why_lacking(self, info: CameraInfo) -> str:
+    def _why_lacking(self, info: CameraInfo, quarantine: str) -> str:
         """Why not every view of a camera was looked at; "" if every one was."""
         if info.paused:
             return "paused"
-        with self._maps.lock:
-            if why := self._maps.joint.quarantine.reasons().get(f"camera/{info.camera}"):
-                return f"it is in quarantine: {why}"
+        if quarantine:
+            return f"it is in quarantine: {quarantine}"
         if info.stream.state != "live":
             return f"its stream is {info.stream.state}{f': {info.stream.reason}' if info.stream.reason else ''}"
         return "its views didn't come in time" if self._is_awaited(info) else ""

@@ -101,7 +101,9 @@ class MapConfig(ConfigPart):
         description="range up to which a camera explores: farther off, detectors miss most things (nine beds in ten)",
     )
     estimated_max_sigma_m: float = Field(
-        default=0.6, gt=0, description="points of estimated depth that are less certain than this are left out"
+        default=0.6,
+        gt=0,
+        description="estimated obstacles that are less certain than this are left out; seen floor isn't",
     )
     estimated_clear_ratio: float = Field(
         default=1.0,

@@ -40,10 +40,11 @@ class Presence:
         taken = (
             f"a {kind} named {id!r} is on the bus already, and of two with one name nobody can tell whose word is whose"
         )
+        refusal = f"{taken}: stop it, or give this one another name"
         until_s = time.monotonic() + NAME_WAIT_S
         while self._instances(name):
             if time.monotonic() > until_s:
-                raise BusError(f"{taken}: stop it, or give this one another name")
+                raise BusError(refusal)
             time.sleep(_POLL_S)
         self._connection.keep(session.liveliness().declare_token(INSTANCE.format(**name, zid=own)))
 
@@ -55,7 +56,7 @@ class Presence:
         pattern = INSTANCE.format(**name, zid="*")
         self._connection.keep(session.liveliness().declare_subscriber(pattern, yield_to))
         if any(other < own for other in self._instances(name)):
-            raise BusError(f"{taken}: stop it, or give this one another name")
+            raise BusError(refusal)
         token = LIVELINESS.format(building=self._connection.building, kind=kind, id=id)
         self._connection.keep(self._connection.session.liveliness().declare_token(token))
 

@@ -161,15 +161,14 @@ class SecurityFolder:
 
     def write_rules(self) -> None:
         """Writes the router's access rules for the identities that there are. A router reads them when it starts."""
-        facts = self._facts()
-        rules = access_control(
-            [identity_from_name(name) for name in self.names()],
-            str(facts["building"]),
-            simulation=facts["simulation"] is True,
-        )
         temporary = self.path / f".{ACCESS}.new"
-        temporary.write_text(json.dumps(rules, indent=1), encoding="utf-8")
+        temporary.write_text(json.dumps(self._rules(), indent=1), encoding="utf-8")
         temporary.replace(self.path / ACCESS)
+
+    def _rules(self) -> dict[str, object]:
+        """The rules for the identities that there are."""
+        facts, identities = self._facts(), [identity_from_name(name) for name in self.names()]
+        return access_control(identities, str(facts["building"]), simulation=facts["simulation"] is True)
 
     def _facts(self) -> dict[str, object]:
         path = self.path / _BUILDING
@@ -228,13 +227,10 @@ class SecurityFolder:
         except (OSError, ValueError):
             return [f"{ACCESS}: it can't be read; `surveilnav security rules {self.path}` makes it anew"]
         try:
-            facts = self._facts()
-            identities = [identity_from_name(name) for name in self.names()]
+            if written == self._rules():
+                return []
         except ConfigError as error:
             return [str(error)]
-        right = access_control(identities, str(facts["building"]), simulation=facts["simulation"] is True)
-        if written == right:
-            return []
         return [
             f"{ACCESS}: it doesn't agree with the identities and this version of SurveilNav: "
             f"`surveilnav security rules {self.path}` makes it anew; then restart the router"
