@@ -13,7 +13,7 @@ from surveilnav.camera_pose import FloorPlan
 from surveilnav.camera_pose.angles import angle_sigmas
 from surveilnav.camera_pose.footprint import seen_floor
 from surveilnav.camera_pose.overlay import grid_lines, projected, visible_lines, wall_lines
-from surveilnav.cli.calibrating import TOO_UNCERTAIN, Calibrated, as_json, is_usable, rounded
+from surveilnav.cli.calibrating import TOO_UNCERTAIN, Calibrated, as_json, is_good, is_usable, rounded
 
 _LINE_TOLERANCE_PX = 0.3
 _REACH_M = 10.0  # of what is drawn of the camera's view on the plan
@@ -23,7 +23,7 @@ def solution(made: Calibrated, plan: FloorPlan) -> dict[str, Any]:
     """For the page: what ``--json`` prints, and besides
 
     ``height_m`` above the floor; ``position_sigmas_m`` of x, y, z; ``angle_sigmas_deg`` of yaw, pitch, roll;
-    ``hfov_sigma_deg``, 0 if it wasn't fitted; ``warning``, or "".
+    ``hfov_sigma_deg``, 0 if it wasn't fitted; ``is_good``: certain enough for searches; ``warning``, or "".
     ``predicted_px``: where the pose puts each point in the picture; None out of sight.
     ``grid``, ``walls``: lines in the picture. ``place_px``, ``view_px``: the camera and the outline of its view on the plan.
     """
@@ -38,6 +38,7 @@ def solution(made: Calibrated, plan: FloorPlan) -> dict[str, Any]:
         "position_sigmas_m": [round(float(s), 4) for s in np.sqrt(np.diag(fit.covariance)[:3])],
         "angle_sigmas_deg": [round(math.degrees(s), 3) for s in sigmas_rad],
         "hfov_sigma_deg": round(math.degrees(fit.hfov_sigma_rad), 3),
+        "is_good": is_good(fit),
         "warning": "" if is_usable(fit) else TOO_UNCERTAIN,
         "predicted_px": [
             None if rounded(u, 2) is None else [rounded(u, 2), rounded(v, 2)]

@@ -9,6 +9,8 @@ import socket
 import subprocess
 import time
 import uuid
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -67,6 +69,19 @@ class Stack:
             f"docker compose {' '.join(arguments)} failed:\n{(done.stdout + done.stderr)[-4000:]}"
         )
         return done.stdout
+
+    @contextmanager
+    def running(self, *scale: str) -> Iterator[Stack]:
+        """Builds the images, brings everything up, and takes it down again. ``scale``: more arguments of ``up``."""
+        try:
+            self.compose("build", timeout_s=UP_S)
+            try:
+                self.compose("up", "--wait", *scale, timeout_s=UP_S)
+            except AssertionError as error:
+                raise AssertionError(f"{error}\n{self.state()}") from None
+            yield self
+        finally:
+            self.compose("down", "--volumes", "--remove-orphans", "--timeout", "5", timeout_s=120)
 
     def containers(self) -> list[dict[str, Any]]:
         return [json.loads(line) for line in self.compose("ps", "--all", "--format", "json").splitlines()]

@@ -41,15 +41,8 @@ def stack(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stack]:
         SURVEILNAV_PERCEPTION__BACKEND="compact",
     )
     stack.folder = folder
-    try:
-        stack.compose("build", timeout_s=UP_S)
-        try:
-            stack.compose("up", "--wait", timeout_s=UP_S)
-        except AssertionError as error:
-            raise AssertionError(f"{error}\n{stack.state()}") from None
+    with stack.running():
         yield stack
-    finally:
-        stack.compose("down", "--volumes", "--remove-orphans", "--timeout", "5", timeout_s=120)
 
 
 def write_picture(folder: Path) -> None:

@@ -25,15 +25,8 @@ def stack(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stack]:
         SURVEILNAV_SIM__CAMERAS=str(_CAMERAS),
         SURVEILNAV_PERCEPTION__BACKEND="oracle",
     )
-    try:
-        stack.compose("build", timeout_s=UP_S)
-        try:
-            stack.compose("up", "--wait", "--scale", f"camera={_CAMERAS}", timeout_s=UP_S)
-        except AssertionError as error:
-            raise AssertionError(f"{error}\n{stack.state()}") from None
+    with stack.running("--scale", f"camera={_CAMERAS}"):
         yield stack
-    finally:
-        stack.compose("down", "--volumes", "--remove-orphans", "--timeout", "5", timeout_s=120)
 
 
 pytestmark = [pytest.mark.compose, pytest.mark.slow, pytest.mark.timeout(UP_S + 2 * MISSION_S)]

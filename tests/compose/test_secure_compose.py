@@ -58,15 +58,8 @@ def stack(tmp_path_factory: pytest.TempPathFactory, keys: dict[str, str]) -> Ite
         SURVEILNAV_PERCEPTION__BACKEND="oracle",
         SURVEILNAV_SECURITY_DIR=str(folder),
     )
-    try:
-        stack.compose("build", timeout_s=UP_S)
-        try:
-            stack.compose("up", "--wait", timeout_s=UP_S)
-        except AssertionError as error:
-            raise AssertionError(f"{error}\n{stack.state()}") from None
+    with stack.running():
         yield stack
-    finally:
-        stack.compose("down", "--volumes", "--remove-orphans", "--timeout", "5", timeout_s=120)
 
 
 def test_a_mission_needs_a_key_and_is_found(stack: Stack, keys: dict[str, str]) -> None:

@@ -6,7 +6,6 @@ import { model, useModel } from "./model.js";
 import * as server from "./server.js";
 
 const HEIGHTS = [["Floor", 0], ["Door top", 2]];
-const GOOD_M = 0.05, GOOD_DEG = 1;
 const STEEP_DEG = -80; // from where yaw and roll can hardly be told apart
 
 const fixed = (value, digits) => value.toFixed(digits).replace(/^-(0(\.0*)?)$/, "$1");
@@ -76,8 +75,7 @@ export function Pose() {
 const sentence = text => `${text[0].toUpperCase()}${text.slice(1)}${/[.!?]$/.test(text) ? "" : "."}`;
 
 function Verdict({ s }) {
-  const [kind, text] = s.warning ? ["bad", "too uncertain"]
-    : s.position_sigma_m > GOOD_M || s.angle_sigma_deg > GOOD_DEG ? ["warn", "usable"] : ["good", "good"];
+  const [kind, text] = s.warning ? ["bad", "too uncertain"] : s.is_good ? ["good", "good"] : ["warn", "usable"];
   return html`<span class="badge ${kind}" id="verdict">${text}</span>`;
 }
 
