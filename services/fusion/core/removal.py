@@ -157,6 +157,7 @@ def _remove_from_object(state: dict[str, Any], removed: Contribution, config: Fu
     kind = removed.source.partition("/")[0]
     state["sources"] = [s for s in state["sources"] if s != removed.source]
     state["history"] = [event for event in state["history"] if event.source != removed.source]
+    state["estimated"] = [row for row in state["estimated"] if row[0] != removed.source]
     is_last = not any(s.startswith(f"{kind}/") for s in state["sources"])
     evidence = state["evidence"]
     if kind == "camera":

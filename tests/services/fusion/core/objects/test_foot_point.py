@@ -15,6 +15,7 @@ from surveilnav.sensing.views import DetectedObject, PosedView
 from surveilnav.services.fusion.core import JointMap, snapshot
 from surveilnav.services.fusion.core.objects.config import FootPointConfig
 from surveilnav.services.fusion.core.objects.foot_point import locate_by_foot
+from surveilnav.services.fusion.core.removal import Contribution, without
 
 LENS = Pinhole.from_hfov(640, 480, math.radians(90))
 CONFIG = FootPointConfig()
@@ -234,6 +235,24 @@ def test_what_a_camera_saw_confirms_the_thing_that_fills_its_box(  # type: ignor
     assert alone.status == "candidate", "the robot's word alone isn't enough here"
     assert record.n_detections == 3
     assert (record.status == "confirmed") is counts, record.reason
+
+
+def test_what_a_camera_saw_is_forgotten_when_it_is_taken_out_of_the_maps(world, tools) -> None:  # type: ignore[no-untyped-def]
+    world.boxes |= {"stool": STOOL}
+    joint = JointMap()
+    for seq, (x, y, yaw) in enumerate([(0.8, 0.6, 0.0), (1.2, 1.6, -0.8)], start=1):
+        robot = world.view(x, y, yaw, -0.3, seq=seq)
+        joint.accept(robot, tools.seen(world.detect(robot, "stool", "chair", 0.35, EMBEDDING)))
+    v = view((-4.5, 0.6, 2.5), pitch=-0.3, seq=2)
+    joint.accept(v, tools.seen(seen(v, np.array(STOOL) + np.array([0.8, 0.0, 0.0]))))
+
+    def kept(joint: JointMap) -> list[str]:
+        (maps,) = joint.state()["floors"]
+        (stool,) = maps["objects"]["objects"]
+        return [source for source, *_ in stool["estimated"]]
+
+    assert kept(joint) == ["camera/c1"]
+    assert kept(without(joint, Contribution("camera/c1"))) == []
 
 
 def test_a_snapshot_keeps_the_uncertainty(tools) -> None:  # type: ignore[no-untyped-def]
