@@ -49,7 +49,7 @@ def page(browser: Any, guarded: System) -> Iterator[Any]:
 
 
 def sign_in(page: Any, key: str) -> None:
-    page.get_by_label("Key").fill(key)
+    page.get_by_label("Key", exact=True).fill(key)
     page.get_by_role("button", name="Sign in").click()
 
 
@@ -70,7 +70,7 @@ def test_a_key_opens_the_page_for_its_session(page, keys):
     page.get_by_role("button", name="Search", exact=True).click()
     page.locator("tr[data-mission]").first.wait_for()
     page.get_by_role("button", name="Sign out").click()
-    page.get_by_label("Key").wait_for()
+    page.get_by_label("Key", exact=True).wait_for()
     assert page.locator("canvas").count() == 0
 
 
@@ -85,11 +85,11 @@ def test_a_revoked_key_closes_the_page(page, keys):
     sign_in(page, keys.add("carl", Role.viewer))
     page.locator("#readiness.good").wait_for()
     keys.revoke("carl")
-    page.get_by_label("Key").wait_for()  # by itself: the gateway ends its streams
+    page.get_by_label("Key", exact=True).wait_for()  # by itself: the gateway ends its streams
     assert page.locator("canvas").count() == 0
 
 
 def test_the_form_is_accessible(page):
     axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
-    page.get_by_label("Key").wait_for()
+    page.get_by_label("Key", exact=True).wait_for()
     assert axe.run(page).violations_count == 0

@@ -48,3 +48,24 @@ def test_a_warm_up_that_fails_keeps_no_service_from_starting():
         run_warm_up(lambda: None)
     assert [line["log_level"] for line in said] == ["info", "warning", "info", "info"]
     assert said[1]["why"] == "ZeroDivisionError: no room"
+
+
+_LOGS = """
+import contextlib, io, structlog
+from surveilnav.bus import logs
+log = structlog.get_logger()
+with io.StringIO() as for_a_while:
+    with contextlib.redirect_stderr(for_a_while):
+        logs.configure()
+        log.info("first")
+    assert "first" in for_a_while.getvalue()
+log.info("second")
+structlog.get_logger().info("third")
+"""
+
+
+def test_who_sets_logging_up_while_stderr_is_redirected_can_log_afterwards():
+    ended = subprocess.run([sys.executable, "-c", _LOGS], capture_output=True, text=True, check=False)
+    assert ended.returncode == 0, ended.stderr
+    assert "second" in ended.stderr
+    assert "third" in ended.stderr
