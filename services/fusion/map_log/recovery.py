@@ -129,6 +129,7 @@ def _reflect(node: Node, maps: BuildingMaps, pending: list[Removal], number: int
                 maps.remove_by_provenance(removal)
         except Exception as error:  # fusion must start all the same
             node.log.warning("removal_lost", removal=removal.id, error=f"{type(error).__name__}: {error}")
+        maps.update_quarantine(removal)
         maps.removals = removal.id
     return []
 

@@ -7,7 +7,7 @@ import logging
 import sys
 import threading
 import time
-from typing import Any
+from typing import Any, TextIO, cast
 
 import structlog
 
@@ -28,7 +28,7 @@ def configure(log_format: str = "console", level: str = "info") -> None:
             renderer,
         ],
         wrapper_class=structlog.make_filtering_bound_logger(logging.getLevelName(level.upper())),
-        logger_factory=structlog.PrintLoggerFactory(_CurrentStderr()),
+        logger_factory=structlog.PrintLoggerFactory(cast(TextIO, _CurrentStderr())),
         cache_logger_on_first_use=True,
     )
 
