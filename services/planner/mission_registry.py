@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 
-from surveilnav.bus import Node
+from surveilnav.bus import Node, bound_request_id
 from surveilnav.contract import MAP_REVISION, ROBOT_STATUS
 from surveilnav.errors import MissionError
 from surveilnav.messages import MissionGoal
@@ -120,8 +120,9 @@ class MissionRegistry:
             if mission.robot and mission is not last[mission.robot]:
                 mission.supersede(last[mission.robot].id)
                 continue
-            self._node.log.info("resumes a mission", mission=mission.id, step=mission.status.step)
-            mission.announce()
+            with bound_request_id(mission.status.request_id):
+                self._node.log.info("resumes a mission", mission=mission.id, step=mission.status.step)
+                mission.announce()
         self._forget_oldest()
         return True
 

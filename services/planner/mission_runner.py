@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import msgspec
 
-from surveilnav.bus import Refused, clock_ns
+from surveilnav.bus import Refused, bound_request_id, clock_ns
 from surveilnav.messages import FINISHED_STATES, MissionGoal, MissionStatus, Plan, RobotStatus
 from surveilnav.services.planner.core import FloorMaps, MissionState, RobotView, step
 from surveilnav.services.planner.floor_maps import FloorMapsClient
@@ -172,6 +172,10 @@ class MissionRunner:
     # --- the loop -------------------------------------------------------------------------------------------------
 
     def _run(self) -> None:
+        with bound_request_id(self.status.request_id):  # everything that the mission asks for belongs to it
+            self._search_until_the_end()
+
+    def _search_until_the_end(self) -> None:
         try:
             self.report.publish_status(
                 state="active", phase="waiting", message="waiting for the robot's first view in the maps"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from surveilnav.bus import Node, Table, clock_ns
+from surveilnav.bus import Node, Table, clock_ns, request_id
 from surveilnav.messages import MissionGoal, MissionStatus, Revision
 from surveilnav.services.planner.config import PlannerSettings
 from surveilnav.services.planner.store import SavedMission, Store
@@ -41,6 +41,7 @@ def new_mission(goal: MissionGoal, target: str, robot: str, message: str = "") -
             started_ns=now_ns,
             message=message,
             asked=asked,
+            request_id=request_id(),
         ),
         wanted_robot=goal.robot,
     )

@@ -13,7 +13,7 @@ from collections.abc import Iterable
 from enum import Enum
 from pathlib import Path
 
-from surveilnav.bus import Node
+from surveilnav.bus import Node, bound_request_id
 from surveilnav.messages.maps import ObjectEvent
 from surveilnav.services.fusion.building_maps import BuildingMaps, Outcome
 from surveilnav.services.fusion.config import FusionSettings
@@ -113,7 +113,8 @@ class MapLog:
                 return
         self._waiting.clear()
         for number, perceived in zip(numbers, batch, strict=True):
-            self._report(perceived, self._integrate(number, perceived))
+            with bound_request_id(perceived.request_id):
+                self._report(perceived, self._integrate(number, perceived))
         self._write_events()
 
     def _integrate(self, number: int, perceived: PerceivedView) -> Outcome:

@@ -256,3 +256,7 @@ class Node:
     def warn_seldom(self, event: str, **facts: Any) -> None:
         """Logs a warning, at a limited rate for each event and ``where``."""
         self._connection.warn_seldom(event, **facts)
+
+    def log_once(self, event: str, **facts: Any) -> None:
+        """Logs an event the first time that it happens for the request of now, so that its id is found in this log."""
+        self._connection.log_once(event, **facts)
