@@ -18,8 +18,10 @@ from surveilnav.errors import SurveilNavError
 from surveilnav.messages import MissionStatus, Plan
 from surveilnav.services.planner.core import Decision
 
-#: Version of the tables and of what is in them. A store of another version is set aside, not read.
+#: Version of the tables and of what is in them. A store of any other version than these two is set aside, not read.
 VERSION = 3
+#: The version of release 0.1.0: the same but for what the core remembers of a mission, which is dropped.
+_VERSION_0_1_0 = 2
 _SCHEMA = """CREATE TABLE IF NOT EXISTS missions (
     id TEXT PRIMARY KEY, finished INTEGER NOT NULL, record TEXT NOT NULL, memory TEXT NOT NULL)"""
 _SAVE = """INSERT INTO missions (id, finished, record, memory) VALUES (?, ?, ?, ?)
@@ -146,8 +148,15 @@ class Store:
                 self._set_aside(path, fault)
             self._open = _connect(path)
             self._open.execute(_SCHEMA)
+            if _version_of(self._open) == _VERSION_0_1_0:
+                self._upgrade(self._open)
             self._open.execute(f"PRAGMA user_version = {VERSION}")
         return self._open
+
+    def _upgrade(self, connection: sqlite3.Connection) -> None:
+        """Makes a store of release 0.1.0 one of this version. Open missions search anew, and keep their count of steps."""
+        connection.execute("UPDATE missions SET memory = ''")
+        self._log.warning("store_upgraded: open missions search anew", store=str(self._path), version=_VERSION_0_1_0)
 
     def _set_aside(self, path: Path, fault: str) -> None:
         stamp = datetime.now(UTC).strftime("%Y%m%d-%H%M%S-%f")
@@ -170,6 +179,10 @@ def _connect(path: Path) -> sqlite3.Connection:
     return connection
 
 
+def _version_of(connection: sqlite3.Connection) -> int:
+    return int(connection.execute("PRAGMA user_version").fetchone()[0])
+
+
 def _fault_of(path: Path) -> str:
     """Why a store can't be read; empty if it can, or if there is none yet.
 
@@ -181,7 +194,7 @@ def _fault_of(path: Path) -> str:
     try:
         connection = _connect(path)
         try:
-            version = connection.execute("PRAGMA user_version").fetchone()[0]
+            version = _version_of(connection)
             sound = connection.execute("PRAGMA quick_check(1)").fetchone()[0] == "ok"
         finally:
             connection.close()
@@ -191,4 +204,4 @@ def _fault_of(path: Path) -> str:
         return f"store_corrupt ({error})"
     if not sound:
         return "store_corrupt (its integrity check failed)"
-    return "" if version == VERSION else f"store_version (expected {VERSION}, got {version})"
+    return "" if version in (VERSION, _VERSION_0_1_0) else f"store_version (expected {VERSION}, got {version})"

@@ -229,11 +229,13 @@ class MapLog:
         begin, n_removals = self._maps.number, self._maps.removals
         for _ in replay(self._store, self._node, self._maps, removals, self._integrate):
             pass
-        if self._maps.removals > n_removals:
-            self._store.replace_events(begin, self._events)
+        is_from_log_alone = begin == 0 and any(True for _ in self._store.snapshots())
+        if is_from_log_alone or self._maps.removals > n_removals:
+            self._store.replace_events(begin, self._events)  # ids of objects may be others than those in the file
             self._events = []
-            self.removals.finish_after_restart()
             self._snapshots.make_due()
+        if self._maps.removals > n_removals:
+            self.removals.finish_after_restart()
         self._write_events()
         if self._pictures_expire and self._maps.number:  # it is unknown how long its pictures have been in the file
             self._snapshots.forget_pictures()

@@ -155,7 +155,7 @@ def newer(path):
 
 
 def older(path):
-    of_version(path, VERSION - 1)
+    of_version(path, VERSION - 2)
 
 
 @pytest.mark.parametrize(
