@@ -66,6 +66,7 @@ class FusionService:
         # log the views that perception has finished, and integrate them; while views wait for the disk, take no more
         perceived = [] if self._log.is_blocked else self._intake.pop_perceived()
         self._log.integrate(perceived)
+        self._node.report_problem("store", self._log.problem)
         for removal in self._log.removals.pop_changes():
             self._on_removal(removal)
         # announce what the maps now hold

@@ -44,6 +44,8 @@ class MissionRegistry:
             self._resumed = self._resumed or self._resume()
         for mission in self.all():
             mission.retry_saving()
+        self._store.retry()
+        self._node.report_problem("store", self._store.problem)
 
     def accept(self, goal: MissionGoal) -> MissionRunner:
         """Starts a mission, or returns the one that the same goal started before.

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import sqlite3
 import threading
+from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -86,6 +87,7 @@ class Store:
 
     A file that is damaged or of another version is moved aside under another name, which is logged, and a new one begins. Where
     the file can't be read or written, every call tries again and raises ``StoreError``: the disk may have room by then.
+    ``problem`` is why the last call failed; "" if it didn't.
 
     The column ``record`` holds a SavedMission without its memory, which has a column of its own.
     """
@@ -94,6 +96,13 @@ class Store:
         self._path, self._log = Path(path) if path else None, node.log
         self._lock = threading.Lock()
         self._open: sqlite3.Connection | None = None
+        self.problem = ""
+
+    def retry(self) -> None:
+        """Finds out whether the file can be written again, if the last call has failed."""
+        if self.problem:
+            with self._lock, suppress(StoreError):
+                self._execute(f"PRAGMA user_version = {VERSION}")
 
     def load(self) -> list[SavedMission]:
         """All missions, in the order in which they were accepted. Raises StoreError."""
@@ -132,13 +141,16 @@ class Store:
         if self._path is None:
             return []
         try:
-            return self._connection(self._path).execute(sql, values).fetchall()
+            rows = self._connection(self._path).execute(sql, values).fetchall()
         except (sqlite3.Error, OSError) as error:
             self._close()  # the next call tries again from the start
-            raise StoreError(
+            self.problem = (
                 f"the store of missions {self._path} can't be used: {error}. Make room or mend it, or set "
                 "SURVEILNAV_PLANNER__STORE to another path (empty: missions don't outlive the planner)"
-            ) from error
+            )
+            raise StoreError(self.problem) from error
+        self.problem = ""
+        return rows
 
     def _connection(self, path: Path) -> sqlite3.Connection:
         if self._open is None:

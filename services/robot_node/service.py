@@ -88,6 +88,7 @@ class RobotService:
             self._check_deadline(now_s)
         if is_new or now_s - self._status_s >= _STATUS_PERIOD_S:
             self._status_s = now_s
+            self._halt_switch.retry_saving()
             self._statuses.put(self._status())
         if is_new:
             observed, quality = self._body.observe(), self._settings.jpeg_quality
@@ -113,6 +114,6 @@ class RobotService:
             state_name=core.reported_state(state, halt, deadline_missed=missed, awaiting_command=awaiting),
             message=halt.refusal("move") or self._problem,
             stairs=self._body.stairs,
-            notes=self._body.notes,
+            notes=[*self._body.notes, *self._halt_switch.notes],
             stamp_ns=clock_ns(),
         )
