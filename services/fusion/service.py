@@ -41,6 +41,8 @@ class FusionService:
         self._intake = ViewIntake(node, settings, self._maps)
         self._revisions = Revisions(node, self._maps, self._intake, self._log)
         self._removals = RemovalAnswers(node, self._log.removals)
+        if settings.store and not self._maps.joint.revision and not self._log.problem:
+            node.log.warning("the store has no maps: they begin empty", store=settings.store)
         self._serve()
 
     def _serve(self) -> None:

@@ -10,7 +10,7 @@ from surveilnav.errors import MissionError
 from surveilnav.messages import MissionGoal
 from surveilnav.services.planner.config import PlannerSettings
 from surveilnav.services.planner.mission_runner import MissionRunner
-from surveilnav.services.planner.mission_start import MissionContext, new_mission
+from surveilnav.services.planner.mission_start import MissionContext, lost_mission, new_mission
 from surveilnav.services.planner.store import Store, StoreError
 from surveilnav.services.planner.summaries import Summaries
 from surveilnav.services.planner.targets import resolve_target
@@ -99,6 +99,17 @@ class MissionRegistry:
                     mission.assign(self._free_robot(mission.wanted_robot))
                 except (MissionError, StoreError):
                     continue
+
+    def end_lost(self) -> None:
+        """Ends missions that robots are on and of which the store knows nothing any more, so that nobody waits for them."""
+        with self._lock:
+            for status in [row.message for row in self._robots.rows()] if self._resumed else []:
+                under_way = status.mission and status.last_action != "stop"
+                if not under_way or status.mission in self._missions or status.robot not in self._node.alive("robot"):
+                    continue
+                mission = self._missions[status.mission] = MissionRunner(self._context, lost_mission(status))
+                mission.end_lost()
+                self._node.log.error("a mission was lost with the store", mission=mission.id, robot=status.robot)
 
     def is_halted(self, robot: str) -> bool:
         """Whether a robot's latest status says that it is halted."""

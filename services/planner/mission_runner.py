@@ -137,6 +137,13 @@ class MissionRunner:
         self._end("failed", error="superseded", message=f"robot {self.robot} was given mission {by!r} meanwhile")
         self._ended.set()
 
+    def end_lost(self) -> None:
+        """Tells everybody, and the store, of the end of a mission that the store didn't know."""
+        self._save_or_warn()
+        self.report.open()
+        self.report.close()
+        self._ended.set()
+
     def retry_saving(self) -> None:
         """Writes the end of the mission to the store if that failed before; otherwise a restart would resume the mission."""
         if self.unsaved and self.finished:  # an open mission is written with its next decision anyway
