@@ -45,3 +45,13 @@ def test_without_its_missions_the_planner_ends_them_by_name_and_takes_new_ones(r
     s.search("tv", mission="after")
     ended = s.wait(lambda m: m.state in FINISHED_STATES, 180, "after")
     assert (ended.state, ended.found) == ("done", True), ended
+
+
+@pytest.mark.slow
+def test_without_its_place_the_robot_begins_at_its_start_and_its_mission_goes_on(running):
+    s, mission = running, "place-lost"
+    s.search("bed", mission=mission)
+    s.wait(lambda m: m.step >= 4, 90, mission)
+    lose(s, "robot")
+    ended = s.wait(lambda m: m.state in FINISHED_STATES, 240, mission)
+    assert (ended.state, ended.found) == ("done", True), ended
