@@ -23,6 +23,7 @@ class MissionRegistry:
         self._node, self._settings = node, settings
         self._lock = threading.Lock()
         self._missions: dict[str, MissionRunner] = {}
+        self._lost: set[str] = set()  # that ``end_lost`` has ended
         self._robots = node.table(ROBOT_STATUS)
         self._store = Store(settings.store, node)
         self._context = MissionContext(node, settings, node.table(MAP_REVISION), Summaries(node), self._store)
@@ -104,9 +105,12 @@ class MissionRegistry:
         """Ends missions that robots are on and of which the store knows nothing any more, so that nobody waits for them."""
         with self._lock:
             for status in [row.message for row in self._robots.rows()] if self._resumed else []:
-                under_way = status.mission and status.last_action != "stop"
-                if not under_way or status.mission in self._missions or status.robot not in self._node.alive("robot"):
+                under_way = (
+                    status.mission and status.last_action != "stop" and status.robot in self._node.alive("robot")
+                )
+                if not under_way or status.mission in self._missions or status.mission in self._lost:
                     continue
+                self._lost.add(status.mission)
                 mission = self._missions[status.mission] = MissionRunner(self._context, lost_mission(status))
                 mission.end_lost()
                 self._node.log.error("a mission was lost with the store", mission=mission.id, robot=status.robot)
