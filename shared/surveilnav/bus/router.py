@@ -72,7 +72,7 @@ def _secured(listen: str, files: TlsFiles | None, access: Path | None) -> dict[s
         rules = json.loads(access.read_text(encoding="utf-8"))
     except OSError as error:
         raise ConfigError(f"the access rules {access} can't be read: {error.strerror}") from None
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise ConfigError(
             f"the access rules {access} aren't JSON ({error}): `surveilnav security rules` makes them anew"
         ) from None
