@@ -158,7 +158,8 @@ def load(path: Path, seed: int) -> Tally:
 def save(path: Path, tally: Tally) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     with atomic_write(path) as file:
-        file.write(json.dumps(asdict(tally), indent=1).encode())
+        defects = {key: asdict(defect) for key, defect in tally.defects.items()}
+        file.write(json.dumps({**vars(tally), "defects": defects}, indent=1).encode())
 
 
 def main() -> int:

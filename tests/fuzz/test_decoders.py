@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from surveilnav.errors import SurveilNavError, WireError
-from tests.fuzz.decoders import Fuzzer, Tally
+from tests.fuzz.decoders import Fuzzer, Tally, load, save
 from tests.fuzz.target import Target
 from tests.fuzz.targets import all_targets
 from tests.fuzz.values import Values
@@ -61,6 +63,16 @@ def test_the_fuzzer_finds_what_is_broken_and_can_play_it_again() -> None:
     again = Fuzzer([_Broken()], seed=1)
     again.play(number)
     assert again.tally.outcomes["broken"] == {"defect": 1}
+
+
+def test_a_run_that_was_stopped_goes_on(tmp_path: Path) -> None:
+    path = tmp_path / "state.json"
+    fuzzer = Fuzzer([_Broken()], seed=1)
+    fuzzer.run(400)
+    save(path, fuzzer.tally)
+    assert load(path, 1) == fuzzer.tally
+    assert load(path, 2) == Tally(2)
+    assert load(tmp_path / "none.json", 1) == Tally(1)
 
 
 def test_memory_that_grows_is_seen() -> None:
