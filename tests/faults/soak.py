@@ -52,9 +52,8 @@ def table(played: list[Played]) -> str:
         )
         wrong = "; ".join(sorted({what for p in own for what in p.wrong}))
         search_s = median(p.mission_s for p in own)
-        lines.append(
-            f"| {name} | {len(own)} | {found} | {others} | {median(backs_s):.1f} | {max(backs_s):.1f} | {search_s:.0f} | {wrong} |"
-        )
+        times = f"{median(backs_s):.1f} | {max(backs_s):.1f} | {search_s:.0f}"
+        lines.append(f"| {name} | {len(own)} | {found} | {others} | {times} | {wrong} |")
     return "\n".join(lines)
 
 

@@ -21,7 +21,7 @@ from tests.waiting import until
 #: The services' own network, where they can be cut off: its name, and the addresses outside and inside.
 NETWORK, OUTSIDE, INSIDE = "surveilnav-faults", "10.231.77.1", "10.231.77.2"
 _VETH = "svfaults0", "svfaults1"
-_DISK_MB = 64
+_DISK_MB = 512
 #: Every service is started by this program, which puts before it what a file of the service's name says.
 _WRAPPER = """#!/bin/sh
 for word in "$@"; do case "$word" in surveilnav.*) name="${{word##*.}}" ;; esac; done

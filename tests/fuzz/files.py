@@ -44,6 +44,8 @@ from surveilnav.security.roles import Role
 from surveilnav.services.camera_node.zones import read_zones
 from surveilnav.services.fusion.core import FusionConfig
 from surveilnav.services.fusion.core import snapshot as snapshots
+from surveilnav.services.fusion.map_log.store import Entry, StoreError
+from surveilnav.services.fusion.map_log.store import Store as MapStore
 from surveilnav.services.planner.store import Store as MissionStore
 from surveilnav.services.recorder.core.bus_message import BusMessage
 from surveilnav.services.recorder.core.foxglove import FoxgloveConverter
@@ -146,7 +148,7 @@ def varied_text(values: Values, data: bytes) -> bytes:
         elif kind == 2:
             lines = data.splitlines(keepends=True)
             at = random.randrange(len(lines)) if lines else 0
-            lines[at : at + 1] = random.choice(([], lines[at : at + 1] * 2, lines[at : at + 1] * 40, [b"\n"]))
+            lines[at : at + 1] = random.choice(([], lines[at : at + 1] * 2, lines[at : at + 1] * 8, [b"\n"]))
             data = b"".join(lines)
         elif kind == 3 and (words := list(re.finditer(rb"[A-Za-z_]+", data))):
             found = random.choice(words)
@@ -278,6 +280,7 @@ def _stored_files() -> list[Target]:
         FileTarget("lock of models", _LOCK, lambda path: read_lock(path.parent), file=LOCK_NAME, vary=json_of),
         FileTarget("array of the client", npy.getvalue(), _read_npy, documented=(ValueError,)),
         MissionStores(),
+        MapStores(),
         *_dataset_files(),
     ]
 
@@ -479,6 +482,35 @@ def _varied_state(values: Values, value: Any) -> Any:
     if isinstance(value, list):
         return [_varied_state(values, v) for v in value]
     return value
+
+
+class MapStores(FileTarget):
+    """Fusion's store: its log of views, its events and its snapshots, damaged anywhere."""
+
+    def __init__(self) -> None:
+        path = new_folder() / "good.sqlite"
+        store, values = MapStore(path, max_events=100), Values(Random(2))
+        for number in range(1, 6):
+            header, payload = view_message(values.random, "robot/r1", number)
+            reply = msgspec.msgpack.encode(reply_to(header))
+            store.append([Entry("robot/r1", 0, msgspec.msgpack.encode(header), payload, reply, b"digest")])
+        store.close()
+        read, documented = self._read_all, (StoreError,)
+        super().__init__("store of maps", path.read_bytes(), read, file="a.sqlite", vary=flipped, documented=documented)
+
+    @staticmethod
+    def _read_all(path: Path) -> None:
+        for left in path.parent.glob(f"{path.name}-*"):
+            left.unlink()
+        store = MapStore(path, max_events=100)
+        try:
+            list(store.log(0))
+            store.removals()
+            store.history("0", 1)
+            for _, _, read in store.snapshots():
+                read()
+        finally:
+            store.close()
 
 
 class MissionStores(Target):

@@ -42,7 +42,7 @@ _EMBEDDING = np.eye(8, dtype=np.float32)[0]
 #: Small maps of large cells, so that they are quickly compared.
 _SMALL = {"extent_m": 6.0, "max_extent_m": 40.0, "resolution_m": 0.25, "voxel_m": 0.2}
 #: The maps are compared before and after this share of views.
-_COMPARED = 0.2
+_COMPARED = 0.1
 #: The maps begin anew after so many views that they took: they would grow for ever.
 _FRESH_AFTER = 400
 
@@ -168,7 +168,7 @@ def plain(message: msgspec.Struct) -> Any:
 class Views(Target):
     """Pictures and perception's answers about them, into the maps."""
 
-    name, share = "fusion: views", 30
+    name, share = "fusion: views", 20
 
     def __init__(self, fusion: Fusion) -> None:
         self._fusion, self._seq, self.n_compared = fusion, 0, 0

@@ -62,7 +62,7 @@ _ODD_TEXTS = (
     "x" * 5_000,
 )
 #: Odd lists and dictionaries have at most so many entries: memory is the sender's to fill up to the bus's limit, not ours.
-_MANY = 300
+_MANY = 200
 _ODD_SHARES = (0.0, 0.01, 0.03, 0.03, 0.1, 0.4)
 
 Maker = Callable[["Values", Any], Any]

@@ -318,9 +318,12 @@ class Store:
             ) as error:  # the disk is full, or the file is locked, missing or not writable
                 self.close()
                 raise StoreError("unwritable", f"{self.path}: {error}") from error
-            except sqlite3.DatabaseError as error:
+            except (
+                sqlite3.DatabaseError,
+                UnicodeDecodeError,
+            ) as error:  # Unicode: damaged bytes within SQLite's own message
                 self.close()
-                if type(error) is not sqlite3.DatabaseError:  # an error in this program
+                if type(error) not in (sqlite3.DatabaseError, UnicodeDecodeError):  # an error in this program
                     raise
                 raise StoreError("corrupt", f"{self.path}: {error}") from error
 
