@@ -135,7 +135,10 @@ class Store:
                 ).fetchone()
             if row is None:
                 return
-            after, *fields, checksum = row
+            number, *fields, checksum = row
+            if number <= after:  # a damaged index leads back: there would be no end
+                raise StoreError("corrupt", f"{self.path}: after view {after} comes view {number}")
+            after = number
             yield after, _entry(fields, checksum)
 
     def newest(self, source: str, view: int, limit: int) -> list[Entry]:
