@@ -166,7 +166,7 @@ class Faulty:
 
 
 @contextmanager
-def faulty(folder: Path, perception: str = "simulated") -> Iterator[Faulty]:
+def faulty(folder: Path, perception: str = "oracle") -> Iterator[Faulty]:
     """Starts a system to which faults can happen; nothing of it is left at the end."""
     wrappers = folder / "wrappers"
     wrappers.mkdir(parents=True)
