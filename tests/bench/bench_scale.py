@@ -2,13 +2,13 @@
 
     python -m tests.bench.bench_scale [--light 100 300 1000] [--invoked 16 64 200]
 
-``light``: so many cameras, each with a bus session of its own, describe themselves, report their traffic and publish a summary every
-five seconds, as a building's cameras do while no robot is near; nobody asks for a picture. ``invoked``: so many cameras of one floor
-are invoked at once, because a robot stands there, and each sends the picture of its view. Perception answers at once that it sees
-nothing, so that fusion and the bus are measured.
+``light``: so many cameras, each with a bus session of its own, describe themselves, report their traffic and publish a summary
+every five seconds, as a building's cameras do while no robot is near; nobody asks for a picture. ``invoked``: so many cameras of
+one floor are invoked at once, because a robot stands there, and each sends the picture of its view. Perception answers at once
+that it sees nothing, so that fusion and the bus are measured.
 
-Router, fusion and gateway are processes of their own, as in a building. The cameras' processes run on the same machine: what they take of
-its processors is the difference to all.
+Router, fusion and gateway are processes of their own, as in a building. The cameras run on the same machine and share its
+processors with them.
 """
 
 from __future__ import annotations
