@@ -21,6 +21,7 @@ import os
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -29,7 +30,7 @@ from multiprocessing.synchronize import Event
 import httpx
 import numpy as np
 
-from surveilnav.bus import Answer, BusSettings, Node, clock_ns
+from surveilnav.bus import Answer, BusSettings, Node, Publisher, clock_ns
 from surveilnav.bus.router import free_port
 from surveilnav.contract import (
     CAMERA_SUMMARY,
@@ -41,6 +42,7 @@ from surveilnav.contract import (
 )
 from surveilnav.geometry import Pinhole, Pose, base_pose, camera_pose
 from surveilnav.messages import CameraSummary, InferReply, Observation, RobotStatus, StreamStatus, WorkerLoad
+from surveilnav.messages.base import Message
 from surveilnav.sensing.packing import encode_rgbd
 from surveilnav.services.camera_node.config import CameraSettings
 from surveilnav.services.camera_node.service import CameraService
@@ -154,7 +156,7 @@ def system(bus: BusSettings, port: int, folder: str) -> Iterator[dict[str, Servi
     environment = os.environ | {
         "SURVEILNAV_BUS__ROUTER": bus.router,
         "SURVEILNAV_BUS__BUILDING": bus.building,
-        "SURVEILNAV_BUS__LOG_LEVEL": "error",
+        "SURVEILNAV_BUS__LOG_LEVEL": os.environ.get("SURVEILNAV_BUS__LOG_LEVEL", "error"),
         "SURVEILNAV_FUSION__STORE": f"{folder}/fusion.sqlite",
         "SURVEILNAV_GATEWAY__PORT": str(port),
     }
@@ -259,6 +261,17 @@ def measure_invoked(n: int) -> str:
     return f"| {n} | {first_s:.1f} s | {all_s:.1f} s | {n / all_s:.1f} | {costs} |"
 
 
+def repeat(node: Node, publisher: Publisher, message: Callable[[], Message]) -> None:
+    """Publishes a state once a second until the node ends."""
+
+    def run() -> None:
+        while not node.stopping.wait(1.0):
+            publisher.put(message())
+
+    publisher.put(message())
+    threading.Thread(target=run, daemon=True).start()
+
+
 def serve_perception(node: Node) -> None:
     """A worker that sees nothing, at once."""
 
@@ -282,15 +295,18 @@ def serve_perception(node: Node) -> None:
 
     node.serve(PERCEPTION_LOAD, lambda _: Answer(load()), worker="w")
     node.serve(PERCEPTION_INFER, infer, worker="w", workers=2)
-    node.publisher(PERCEPTION_LOAD, worker="w").put(load())
+    repeat(node, node.publisher(PERCEPTION_LOAD, worker="w"), load)
 
 
 def observe(node: Node) -> None:
     """A robot stands in the middle of the first room and looks."""
     pose, T = Pose.from_matrix(base_pose((0, 0, 0), 0)), camera_pose((0.0, 0.0, 0.88), 0.0, -0.2)
-    status = RobotStatus(stamp_ns=clock_ns(), robot="r", floor="0", seq=1, state="ready", T_world_base=pose)
-    node.serve(ROBOT_STATUS, lambda _: Answer(status), robot="r")
-    node.publisher(ROBOT_STATUS, robot="r").put(status)
+
+    def status() -> RobotStatus:
+        return RobotStatus(stamp_ns=clock_ns(), robot="r", floor="0", seq=1, state="ready", T_world_base=pose)
+
+    node.serve(ROBOT_STATUS, lambda _: Answer(status()), robot="r")
+    repeat(node, node.publisher(ROBOT_STATUS, robot="r"), status)
     publisher = node.publisher(ROBOT_OBSERVATION, robot="r")
     wait_for(lambda: publisher.matched, "somebody who listens to the robot")
     rgb, depth_m = room_from_inside(T, (0.0, 0.0, 0.0), 0)
