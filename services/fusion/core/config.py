@@ -187,6 +187,11 @@ class ValidationConfig(ConfigPart):
     compare_every_views: int = Field(
         default=8, ge=1, description="after so many views of robots, cameras are compared with them"
     )
+    compare_within_s: float = Field(
+        default=600.0,
+        gt=0,
+        description="... where these look at most so long after the camera: later, things may have been moved",
+    )
 
 
 class ViewOrderConfig(ConfigPart):

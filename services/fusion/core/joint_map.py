@@ -108,7 +108,7 @@ class JointMap:
         if result is not None:
             self.validator.record_integrated(view, perception)
             if view.is_robot:
-                self.quarantine.record_robot_view(self._floors[result.floor].geometry.cloud)
+                self.quarantine.record_robot_view(self._floors[result.floor].geometry.cloud, self.validator)
         return result
 
     def integrate(self, view: PosedView, perception: ViewPerception | None) -> IntegrationResult:

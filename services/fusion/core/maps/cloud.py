@@ -8,7 +8,7 @@ which only looks at the regions in front of it.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -159,13 +159,25 @@ class VoxelCloud:
         """The source sets by number, as in ``provenance``."""
         return self._sets.lists()
 
-    def agreement(self) -> dict[str, Agreement]:
-        """How far what each source has measured agrees with what others have seen."""
-        sources, is_carved = self._voxels["sources"][: self._n], self._is_carved()
+    def agreement(self, current_since_ns: Mapping[str, int], within_ns: int) -> dict[str, Agreement]:
+        """How far what each source has measured agrees with what others have seen.
+
+        Args:
+            current_since_ns: by source, since when its points are current [ns]: it has not looked there again since. Where it
+                has, what it saw before may have been moved away. A source that isn't named has always been current.
+            within_ns: others must have looked through a point so soon after it was seen. Later, it may have been moved away.
+        """
+        used = self._voxels[: self._n]
+        sources, is_carved = used["sources"], self._is_carved()
         sets = self._sets.lists()
-        carved = np.bincount(sources[is_carved], minlength=len(sets))
+        since_ns = np.array([max((current_since_ns.get(m, NEVER) for m in members), default=NEVER) for members in sets])
+        looked_through_ns = used["seen_through_before_ns" if self._config.carve_views == 2 else "seen_through_ns"]
+        is_refuted = (
+            is_carved & (looked_through_ns - used["last_ns"] <= within_ns) & (used["last_ns"] >= since_ns[sources])
+        )
+        refuted = np.bincount(sources[is_refuted], minlength=len(sets))
         present = np.bincount(sources[~is_carved], minlength=len(sets))
-        n_refuted = {members[0]: int(n) for members, n in zip(sets, carved, strict=True) if len(members) == 1}
+        n_refuted = {members[0]: int(n) for members, n in zip(sets, refuted, strict=True) if len(members) == 1}
         n_confirmed: Counter[str] = Counter()
         for members, n in zip(sets, present, strict=True):
             if len(members) > 1:

@@ -23,7 +23,7 @@ from surveilnav.services.fusion.core.maps.cloud import VoxelCloud
 from surveilnav.services.fusion.core.maps.provenance import Agreement
 from surveilnav.services.fusion.core.views.floor_plane import FloorPlane, fit_floor_plane
 from surveilnav.services.fusion.core.views.plausibility import find_mistake
-from surveilnav.services.fusion.core.views.validation import ViewError
+from surveilnav.services.fusion.core.views.validation import ViewError, ViewValidator
 
 #: So many pictures must disagree with the floor, and so large a share of the views with the newest word of each.
 _MIN_PICTURES, _MIN_SHARE = 2, 0.25
@@ -118,12 +118,13 @@ class Quarantine:
         if mistake or camera.why:
             raise ViewError("geometry_disagrees", mistake or camera.why)
 
-    def record_robot_view(self, cloud: VoxelCloud) -> None:
+    def record_robot_view(self, cloud: VoxelCloud, validator: ViewValidator) -> None:
         """Records that a robot's view was integrated into a cloud. From time to time cameras are compared with others in it."""
         self._n_robot_views += 1
         if self._n_robot_views >= self._config.compare_every_views:  # it costs some milliseconds
             self._n_robot_views = 0
-            self.record_agreement(cloud.agreement())
+            within_ns = round(1e9 * self._config.compare_within_s)
+            self.record_agreement(cloud.agreement(validator.cameras_current_since_ns(), within_ns))
 
     def record_agreement(self, agreement: Mapping[str, Agreement]) -> None:
         """Compares cameras with others, by source. One at most is put into quarantine: it may make others look wrong."""

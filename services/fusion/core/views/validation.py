@@ -218,6 +218,14 @@ class ViewValidator:
             del self._last[next(iter(self._last))]
         self._doubted.pop(key, None)
 
+    def cameras_current_since_ns(self) -> dict[str, int]:
+        """By camera, the oldest stamp [ns] among the newest pictures of its views."""
+        since_ns: dict[str, int] = {}
+        for (source, _), last in self._last.items():
+            if source.startswith("camera/"):
+                since_ns[source] = min(last.stamp_ns, since_ns.get(source, last.stamp_ns))
+        return since_ns
+
     def sources(self) -> set[str]:
         """The sources of the views that the maps hold."""
         return {source for source, _ in self._last}

@@ -106,20 +106,26 @@ def test_agreement_counts_what_others_saw_and_what_they_look_through():
         cloud.add(*batch(rng))
     columns = cloud.state()
     columns["voxels"]["seen_through_before_ns"][::3] = 9
+    columns["voxels"]["seen_through_before_ns"][::5] = 6
+    since_ns = {"robot/1": -2, "camera/0": 1}
     cloud = VoxelCloud.from_state(columns, CONFIG)
     expected: dict[str, list[int]] = defaultdict(lambda: [0, 0])
     sets = cloud.source_sets()
     voxels = columns["voxels"]
-    for number, before_ns in zip(voxels["sources"], voxels["seen_through_before_ns"], strict=True):
+    for number, before_ns, last_ns in zip(
+        voxels["sources"], voxels["seen_through_before_ns"], voxels["last_ns"], strict=True
+    ):
         members = sets[number]
         for source in members:
             if len(members) == 1:
-                expected[source][0] += before_ns == 9
+                expected[source][0] += (
+                    before_ns > 5 and before_ns - last_ns <= 8 and last_ns >= since_ns.get(source, -99)
+                )
             else:
-                expected[source][1] += before_ns != 9
-    found = {source: [a.n_refuted, a.n_confirmed] for source, a in cloud.agreement().items()}
+                expected[source][1] += before_ns < 5
+    found = {source: [a.n_refuted, a.n_confirmed] for source, a in cloud.agreement(since_ns, 8).items()}
     assert found == dict(expected)
-    assert any(a.n_refuted and a.n_confirmed for a in cloud.agreement().values())
+    assert any(a.n_refuted and a.n_confirmed for a in cloud.agreement(since_ns, 8).values())
 
 
 def test_a_full_cloud_refuses_and_counts():

@@ -202,6 +202,28 @@ def test_a_healthy_camera_is_not_found_by_the_robot(room, views):
     assert joint.quarantine.reasons() == {}
 
 
+def test_things_that_are_moved_accuse_no_camera(tools, views):
+    """Neither if the camera looks again, nor if the robot comes an hour later."""
+    before = tools.world(boxes={"cupboard": ((2.6, 1.2, 0.0), (4.2, 2.8, 1.8))})
+    after = tools.world(boxes={"cupboard": ((4.6, 3.4, 0.0), (5.6, 4.0, 1.8))})
+
+    def of_camera(world, seq):
+        return [
+            world.view(0.6, 0.6, k * 0.5, -0.52, height=2.0, source="camera/c", camera=LENS, view=k, seq=seq)
+            for k in range(4)
+        ]
+
+    config = ValidationConfig(min_refuted_voxels=300)
+    for again, robot_ns, expected in ((True, 10**9, []), (False, 3600 * 10**9, []), (False, 10**9, ["camera/c"])):
+        joint = JointMap()
+        joint.quarantine = Quarantine(config)
+        integrate(joint, of_camera(before, 1), 0)
+        if again:
+            integrate(joint, of_camera(after, 2), 1000)
+        integrate(joint, robot_views(after), robot_ns)
+        assert list(joint.quarantine.reasons()) == expected, (again, robot_ns)
+
+
 def test_a_snapshot_goes_on_as_if_nothing_had_been(room, views):
     wrong = [described(view, tilt_x_deg=4.0) for view in views]
     joint = JointMap()
