@@ -40,7 +40,7 @@ SHAPES: dict[str, str] = {
     "cameras draw-tag": "`file`",
     "replay": "with `--check`: `recorded`, `replayed`, `views`, `began_with`, `ended`, `missing`, `same`",
     "status": "`services`, `robots`, `cameras`, `perception`, `missions`, `removals`: items each; "
-    "`wrong_clocks` if there are any",
+    "`wrong_clocks` and `problems` if there are any",
     "watch": "one object for each line: `id`, `event`, `data` (`Event`)",
     "objects": "items: `Object`",
     "map": "`Layer`",
@@ -49,6 +49,8 @@ SHAPES: dict[str, str] = {
     "robots remove": "`Removal`, when it has ended",
     "stop": "items: `RobotHalt`",
     "release": "items: `RobotHalt`",
+    "backup": "`file`, `bytes`, `program`, `created`, `contents` (items: `name`, `bytes`, numbers of what is in it), `left_out`",
+    "restore": "as `backup`",
     "security init": "`folder`, `building`, `identities`",
     "security check": "`faults`, `warnings`",
     "security issue": "`name`, `folder`",
@@ -98,7 +100,8 @@ _COMMANDS = """## Commands
 
 The commands under "The running system" ask its gateway at `http://127.0.0.1:8080`; name another one by `--url` or
 `SURVEILNAV_URL`. If it needs a key, put that into `SURVEILNAV_API_KEY`. In place of the id of a mission or camera you may type
-its beginning, if no other id begins in the same way. `security` works on files, and asks nothing.
+its beginning, if no other id begins in the same way. `security`, `backup`
+and `restore` work on files, and ask nothing.
 
 """
 _JSON = """## For programs

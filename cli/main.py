@@ -13,6 +13,7 @@ import typer
 from typer.core import TyperGroup
 
 from surveilnav.cli import (
+    backup,
     bench,
     cameras,
     dataset,
@@ -72,6 +73,8 @@ for _command in (
     traffic.traffic,
     robots.stop,
     robots.release,
+    backup.backup,
+    backup.restore,
 ):
     app.command(_command.__name__.rstrip("_"), rich_help_panel=_RUNNING)(_command)
 app.add_typer(security.app, name="security", rich_help_panel=_RUNNING)

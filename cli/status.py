@@ -43,6 +43,9 @@ def everything(asked: Client) -> dict[str, list[Any]]:
     wrong = [n for n in nodes if not n.stale and abs(n.clock_offset_s or 0.0) > MAX_CLOCK_OFFSET_S]
     if wrong:
         found["wrong_clocks"] = wrong
+    hindered = [n for n in nodes if not n.stale and n.problems]
+    if hindered:
+        found["problems"] = hindered
     return found
 
 
@@ -58,6 +61,7 @@ def show_status(found: dict[str, list[Any]], console: Console) -> None:
         "perception": _workers,
         "missions": show_missions,
         "wrong_clocks": _clocks,
+        "problems": _problems,
         "removals": _removals,
     }
     for name, rows in found.items():
@@ -92,6 +96,12 @@ def _clocks(rows: list[Any], console: Console) -> None:
         Column("clock", lambda n: clock_words(n.clock_offset_s)),
     )
     listing(console, columns, rows)
+
+
+def _problems(rows: list[Any], console: Console) -> None:
+    for node in rows:
+        for what, why in node.problems.items():
+            console.print(plain(f"  {node.kind}/{node.id}, {what}: {why}"), markup=False, soft_wrap=True, style="red")
 
 
 def show_robots(rows: list[Any], console: Console) -> None:

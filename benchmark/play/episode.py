@@ -17,6 +17,7 @@ from surveilnav.perception.prompts import value_prompt
 from surveilnav.robot_state import RobotState
 from surveilnav.sensing.views import PosedView
 from surveilnav.services.fusion.core import FusionConfig, JointMap
+from surveilnav.services.fusion.core.removal import Contribution, sources_to_remove, without
 from surveilnav.services.fusion.core.views.validation import ViewError
 from surveilnav.services.planner.core import Decision, FloorMaps, RobotView
 from surveilnav.services.robot_node.core import status_message
@@ -155,6 +156,8 @@ class Episode:
             floor = _integrate_view(self._joint, view)
             if view is seen:
                 self._floor = floor or self._floor
+        for source in sources_to_remove(self._joint):
+            self._joint = without(self._joint, Contribution(source))
         maps = floor_maps(
             _maps_with_floor(self._joint, self._floor, seen.view), self._floor, self._text, self._embedding_model
         )
@@ -210,7 +213,8 @@ def _integrate(joint: JointMap, sight: Sight, names: tuple[str, ...]) -> None:
 def _integrate_view(joint: JointMap, seen: SeenView) -> str:
     """Has the maps take a view, by the same guard as on the bus; the floor that it was taken on, "" if they know none.
 
-    A view before a wall, where not one pixel has a depth, is left out, as on the bus. So is one that they hold ("").
+    A view before a wall, where not one pixel has a depth, is left out, as on the bus. So are the views of a camera whose
+    description is wrong, and one that they hold ("").
 
     Raises:
         ViewError: a view that can't be.
@@ -218,7 +222,7 @@ def _integrate_view(joint: JointMap, seen: SeenView) -> str:
     try:
         done = joint.accept(seen.view, seen.perception)
     except ViewError as error:
-        if error.name != "no_depth":
+        if error.name not in ("no_depth", "geometry_disagrees", "quarantined"):
             raise
         return joint.floor_at(seen.view.floor_z_m)
     return done.floor if done is not None else ""

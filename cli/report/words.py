@@ -18,6 +18,7 @@ _FAILURES = {
     "fusion_down": "the maps' service was down",
     "stuck": "the robot was stuck",
     "superseded": "the robot was given another search",
+    "mission_lost": "the planner's store was lost",
     "bad_target": "this isn't a target that can be searched for",
 }
 

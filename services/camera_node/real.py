@@ -126,12 +126,8 @@ class _EntryWatcher:
         if now_s - self._looked_s < _LOOK_AT_FILE_S:
             return self.has_changed
         self._looked_s = now_s
-        try:
-            if self._watched.reload_if_changed():
-                self.has_changed = self._differs(self._watched.file)
-        except ConfigError as error:
-            structlog.get_logger().warning("the changed file of cameras isn't used", error=str(error))
-            self.has_changed = False
+        if self._watched.reload_if_changed():
+            self.has_changed = self._differs(self._watched.file)
         return self.has_changed
 
     def _differs(self, file: CamerasFile) -> bool:
@@ -156,11 +152,15 @@ class _WatchedFile:
         self.file = load_cameras(path)
 
     def reload_if_changed(self) -> bool:
-        """Whether the file has changed and was read. ConfigError: nothing in it can be used; ``file`` stays the former one."""
+        """Whether the file has changed and was read. If nothing in it can be used, ``file`` stays the former one."""
         if (stamp := file_stamp(self._path)) == self._stamp:
             return False
         self._stamp = stamp
-        self.file = load_cameras(self._path)
+        try:
+            self.file = load_cameras(self._path)
+        except ConfigError as error:
+            structlog.get_logger().warning("the changed file of cameras isn't used", error=str(error))
+            return False
         return True
 
     def names(self) -> list[str]:

@@ -193,6 +193,15 @@ class BuildingMaps:
             self.joint = without(self.joint, removal.contribution)
             self.processed.drop(removal.source)
             self.removals, self.epoch = removal.id, _new_epoch()
+        self.update_quarantine(removal)
+
+    def update_quarantine(self, removal: Removal) -> None:
+        """A camera that somebody had removed begins anew; one that was removed because it isn't believed stays so."""
+        with self.lock:
+            if removal.quarantined is not None:
+                self.joint.quarantine.adopt(removal.source, removal.quarantined)
+            elif removal.contribution.is_whole:
+                self.joint.quarantine.forget(removal.source)
 
     def replace_by(self, other: BuildingMaps) -> None:
         """Takes over the maps of another instance, which nobody uses any more, under a new epoch."""

@@ -24,6 +24,7 @@ class PerceivedView:
         reply: perception's reply, as it arrived.
         digest: hash of pose, picture, embedding model and the words that were looked for.
         fault: why the picture can't be used; "" if it can.
+        request_id: the request that the frame belongs to; "": none. It isn't logged.
     """
 
     key: ViewKey
@@ -34,3 +35,4 @@ class PerceivedView:
     reply: bytes = b""
     digest: bytes = b""
     fault: str = ""
+    request_id: str = ""

@@ -41,6 +41,8 @@ class FusionService:
         self._intake = ViewIntake(node, settings, self._maps)
         self._revisions = Revisions(node, self._maps, self._intake, self._log)
         self._removals = RemovalAnswers(node, self._log.removals)
+        if settings.store and not self._maps.joint.revision and not self._log.problem:
+            node.log.warning("the store has no maps: they begin empty", store=settings.store)
         self._serve()
 
     def _serve(self) -> None:
@@ -66,6 +68,7 @@ class FusionService:
         # log the views that perception has finished, and integrate them; while views wait for the disk, take no more
         perceived = [] if self._log.is_blocked else self._intake.pop_perceived()
         self._log.integrate(perceived)
+        self._node.report_problem("store", self._log.problem)
         for removal in self._log.removals.pop_changes():
             self._on_removal(removal)
         # announce what the maps now hold

@@ -69,12 +69,13 @@ def web_server(
     return server
 
 
-def _access_log(settings: GatewaySettings) -> AccessLog:
+def _access_log(settings: GatewaySettings, node: Node) -> AccessLog:
     return AccessLog(
         Path(settings.access_log) if settings.access_log else None,
         keep=timedelta(days=settings.access_log_days),
         max_bytes=settings.access_log_mb << 20,
         trusted_proxies=settings.proxies,
+        report_problem=lambda why: node.report_problem("access log", why),
     )
 
 
@@ -95,7 +96,7 @@ def serve(settings: GatewaySettings, bus: BusSettings) -> None:
     """Serves until SIGTERM or SIGINT."""
     with listen(settings.host, settings.port) as sock, Node("gateway", settings.node_id, bus) as node:
         host, port = sock.getsockname()[:2]
-        gateway = Gateway(node, settings, _access_log(settings))
+        gateway = Gateway(node, settings, _access_log(settings, node))
         keys = _authentication(settings, node)
         server = web_server(gateway, settings.names, settings.root_path, keys, settings.proxies)
         # uvicorn raises the signal again after it has shut down; the session must still be closed then.

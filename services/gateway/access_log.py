@@ -13,7 +13,7 @@ import queue
 import threading
 import time
 from collections import OrderedDict, deque
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Annotated
@@ -29,6 +29,8 @@ from surveilnav.services.gateway.requester import address_of, person_of
 #: The view of an access to all of a camera's views.
 ALL_VIEWS = -1
 _REPEAT_S = 60.0
+#: Pause before lines are written again for which the disk had no room.
+_RETRY_S = 2.0
 _MAX_LINES, _MAX_CLIENTS = 10_000, 10_000
 _FILE_BYTES = 1 << 20
 _NAME = "looks-%Y%m%dT%H%M%S.%fZ.jsonl"
@@ -54,6 +56,7 @@ class AccessLog:
         keep: how long a line is kept. Files may keep it for about a day longer.
         max_bytes: maximum size of all files together.
         trusted_proxies: proxies whose ``X-Forwarded-For`` is believed.
+        report_problem: called with why files can't be written, and with "" once they can.
     """
 
     def __init__(
@@ -63,9 +66,11 @@ class AccessLog:
         keep: timedelta = timedelta(days=90),
         max_bytes: int = 10 << 20,
         trusted_proxies: Networks = (),
+        report_problem: Callable[[str], None] = lambda why: None,
     ) -> None:
         self._folder, self._keep, self._max_bytes = folder, keep, max_bytes
-        self._trusted_proxies = trusted_proxies
+        self._trusted_proxies, self._report_problem = trusted_proxies, report_problem
+        self._failed: deque[LogLine] = deque(maxlen=_MAX_LINES)  # to be written once the disk has room
         self._lines: deque[LogLine] = deque(maxlen=_MAX_LINES)
         self._recorded_s: OrderedDict[tuple[object, ...], float] = OrderedDict()
         self._file: Path | None = None
@@ -138,22 +143,42 @@ class AccessLog:
 
     def _write_all(self, folder: Path) -> None:
         while True:
-            line = self._unwritten.get()
-            with self._disk:
-                self._write(folder, line)
+            try:
+                line = self._unwritten.get(timeout=_RETRY_S if self._failed else None)
+            except queue.Empty:
+                self._write_failed(folder)
+                continue
+            self._write_failed(folder)
+            if self._failed or not self._write(folder, line):
+                self._failed.append(line)
             self._unwritten.task_done()
 
-    def _write(self, folder: Path, line: LogLine) -> None:
-        """Appends a line. If the disk can't be written, the line is lost and an error logged, but pictures are still shown."""
+    def _write_failed(self, folder: Path) -> None:
+        """Writes the lines that couldn't be written so far, as far as that goes now."""
+        while self._failed and self._write(folder, self._failed[0]):
+            self._failed.popleft()
+
+    def _write(self, folder: Path, line: LogLine) -> bool:
+        """Appends a line; whether that worked. If not, an error is logged and pictures are still shown."""
+        with self._disk:
+            return self._append(folder, line)
+
+    def _append(self, folder: Path, line: LogLine) -> bool:
         try:
             folder.mkdir(parents=True, exist_ok=True)
             if self._file is None or self._is_full(self._file, line.time):
                 self._file = folder / line.time.strftime(_NAME)
                 self._drop_old(folder, line.time)
             with self._file.open("ab") as file:
-                file.write(msgspec.json.encode(line) + b"\n")
+                # after a line that was cut off, one begins anew; empty lines are passed over
+                file.write((b"\n" if self._failed else b"") + msgspec.json.encode(line) + b"\n")
         except OSError as error:
-            self._log.error("an access to a camera can't be written down", folder=str(folder), error=str(error))
+            if not self._failed:
+                self._log.error("an access to a camera can't be written down", folder=str(folder), error=str(error))
+            self._report_problem(f"who looked at pictures can't be written down in {folder}: {error}")
+            return False
+        self._report_problem("")
+        return True
 
     @staticmethod
     def _is_full(file: Path, now: datetime) -> bool:

@@ -23,6 +23,7 @@ from surveilnav.services.gateway.access_checks import AccessChecks
 from surveilnav.services.gateway.authentication import Authentication
 from surveilnav.services.gateway.core.hosts import Networks
 from surveilnav.services.gateway.request_checks import RequestChecks
+from surveilnav.services.gateway.request_ids import RequestIds
 from surveilnav.services.gateway.responses import PROBLEMS, add_problem_handlers
 from surveilnav.services.gateway.service import Gateway
 
@@ -51,7 +52,8 @@ def create_app(
         responses=PROBLEMS,
     )
     app.add_middleware(AccessChecks, authentication=authentication, trusted_proxies=trusted_proxies)
-    app.add_middleware(RequestChecks, allowed=allowed_hosts)  # comes first
+    app.add_middleware(RequestChecks, allowed=allowed_hosts)
+    app.add_middleware(RequestIds)  # comes first
     add_problem_handlers(app)
     app.include_router(missions.router(gateway.missions, gateway.meter))
     app.include_router(cameras.router(gateway.cameras, gateway.pictures, gateway.access_log))

@@ -14,7 +14,7 @@ from typing import Annotated
 from fastapi import APIRouter, Body, Header, Response
 
 from surveilnav import contract
-from surveilnav.bus import Received, clock_ns
+from surveilnav.bus import Received, clock_ns, keep_request_id, request_id
 from surveilnav.errors import SurveilNavError
 from surveilnav.messages import (
     FINISHED_STATES,
@@ -80,7 +80,7 @@ class Missions:
         ack: MissionAck = request(self._node, "planner", contract.MISSION_GOAL, message, mission=id).message
         if not ack.accepted:
             raise refusal(ack.error, ack.message)
-        return mission_from_ack(ack, goal, clock_ns())
+        return mission_from_ack(ack, goal, clock_ns(), request_id())
 
     # --- following --------------------------------------------------------------------------------------------------
 
@@ -150,7 +150,7 @@ class Missions:
 
         under_way = [mission.id for mission in self.all() if not mission.has_ended]
         with ThreadPoolExecutor(_PAUSE_THREADS) as pool:
-            list(pool.map(pause, under_way))
+            list(pool.map(keep_request_id(pause), under_way))
 
     def _changed(self, id: str, ack: MissionAck) -> Mission:
         """The mission in the state that the planner's answer names. Problem: the planner refused the change."""

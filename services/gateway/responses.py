@@ -11,11 +11,13 @@ from fastapi import FastAPI, Header, Path, Query, Request, Response
 from fastapi.exceptions import RequestValidationError
 from starlette.exceptions import HTTPException
 
+from surveilnav.bus import bound_request_id
 from surveilnav.contract import ID_PATTERN
 from surveilnav.errors import SurveilNavError
 from surveilnav.rest import Items
 from surveilnav.services.gateway.core import problems
 from surveilnav.services.gateway.core.problems import Problem
+from surveilnav.services.gateway.request_ids import HEADER, id_of
 
 T = TypeVar("T")
 #: FastAPI's type for the description of an endpoint's responses, by status.
@@ -102,5 +104,7 @@ def add_problem_handlers(app: FastAPI) -> None:
 
     @app.exception_handler(Exception)
     async def _bug(request: Request, error: Exception) -> Response:
-        structlog.get_logger().error("request failed", path=request.scope["path"], error=repr(error))
-        return problem_response(request, Problem(500, "internal", "the gateway failed; its log says more"))
+        with bound_request_id(id := id_of(request)):  # beyond the middleware that bound it
+            structlog.get_logger().error("request failed", path=request.scope["path"], error=repr(error))
+        problem = Problem(500, "internal", "the gateway failed; its log says more")
+        return problem_response(request, problem, {HEADER: id})

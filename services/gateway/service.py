@@ -9,7 +9,7 @@ import threading
 from collections import ChainMap
 from collections.abc import Callable
 
-from surveilnav.bus import Node
+from surveilnav.bus import Node, keep_request_id
 from surveilnav.rest import Building, Readiness, RobotHalt, Service, Traffic
 from surveilnav.services.gateway.access_log import AccessLog
 from surveilnav.services.gateway.cameras import Cameras, PastPictures
@@ -97,7 +97,8 @@ class Gateway:
     def stop_robots(self, reason: str) -> list[RobotHalt]:
         """Emergency stop: halts all robots; another thread pauses all missions, also those of robots that don't answer."""
         why = f"emergency stop{f': {reason}' if reason else ''}"
-        threading.Thread(target=self.missions.pause_all, args=(why,), name="emergency-stop", daemon=True).start()
+        pause_all = keep_request_id(self.missions.pause_all)
+        threading.Thread(target=pause_all, args=(why,), name="emergency-stop", daemon=True).start()
         return self.robots.halt(True, reason)
 
     def traffic(self) -> Traffic:

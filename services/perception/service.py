@@ -32,7 +32,7 @@ class PerceptionService:
     """
 
     def __init__(self, node: Node, backend: Backend, settings: PerceptionSettings) -> None:
-        self._backend, self._settings = backend, settings
+        self._node, self._backend, self._settings = node, backend, settings
         self.ready = False
         self._load_published_s = 0.0
         self._embedding = EmbeddingStage(backend)
@@ -59,6 +59,7 @@ class PerceptionService:
         self._expect_ready()
         if query.message.cancel:
             return self._inference.cancel(query.message)
+        self._node.log_once("looks at views for a request", source=query.message.source)
         return self._inference.infer(query.message, query.payload, query.received_ns)
 
     def embed_texts(self, query: Request) -> Answer:

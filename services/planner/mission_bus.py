@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import cast
 
-from surveilnav.bus import Node, Refused, Table, Unanswered, clock_ns
+from surveilnav.bus import Node, Refused, Table, Unanswered, clock_ns, keep_request_id
 from surveilnav.contract import CAMERA_SEARCH, MAP_REVISION, ROBOT_COMMAND, ROBOT_STATUS
 from surveilnav.errors import WireError
 from surveilnav.messages import CameraSearch, Command, CommandReply, Revision, RobotStatus, Stair
@@ -103,7 +103,7 @@ class MissionBus:
             except (Unanswered, Refused) as error:
                 self.node.log.info("no first look by cameras", robot=self.robot, why=str(error))
 
-        asking = threading.Thread(target=ask, name="first-look", daemon=True)
+        asking = threading.Thread(target=keep_request_id(ask), name="first-look", daemon=True)
         asking.start()
         while asking.is_alive():  # on a thread of its own, so that cancelling doesn't wait for the cameras
             self._pause(_LOOKING_S)

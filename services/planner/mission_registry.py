@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import threading
 
-from surveilnav.bus import Node
+from surveilnav.bus import Node, bound_request_id
 from surveilnav.contract import MAP_REVISION, ROBOT_STATUS
 from surveilnav.errors import MissionError
 from surveilnav.messages import MissionGoal
 from surveilnav.services.planner.config import PlannerSettings
 from surveilnav.services.planner.mission_runner import MissionRunner
-from surveilnav.services.planner.mission_start import MissionContext, new_mission
+from surveilnav.services.planner.mission_start import MissionContext, lost_mission, new_mission
 from surveilnav.services.planner.store import Store, StoreError
 from surveilnav.services.planner.summaries import Summaries
 from surveilnav.services.planner.targets import resolve_target
@@ -23,6 +23,7 @@ class MissionRegistry:
         self._node, self._settings = node, settings
         self._lock = threading.Lock()
         self._missions: dict[str, MissionRunner] = {}
+        self._lost: set[str] = set()  # that ``end_lost`` has ended
         self._robots = node.table(ROBOT_STATUS)
         self._store = Store(settings.store, node)
         self._context = MissionContext(node, settings, node.table(MAP_REVISION), Summaries(node), self._store)
@@ -44,6 +45,8 @@ class MissionRegistry:
             self._resumed = self._resumed or self._resume()
         for mission in self.all():
             mission.retry_saving()
+        self._store.retry()
+        self._node.report_problem("store", self._store.problem)
 
     def accept(self, goal: MissionGoal) -> MissionRunner:
         """Starts a mission, or returns the one that the same goal started before.
@@ -98,6 +101,20 @@ class MissionRegistry:
                 except (MissionError, StoreError):
                     continue
 
+    def end_lost(self) -> None:
+        """Ends missions that robots are on and of which the store knows nothing any more, so that nobody waits for them."""
+        with self._lock:
+            for status in [row.message for row in self._robots.rows()] if self._resumed else []:
+                under_way = (
+                    status.mission and status.last_action != "stop" and status.robot in self._node.alive("robot")
+                )
+                if not under_way or status.mission in self._missions or status.mission in self._lost:
+                    continue
+                self._lost.add(status.mission)
+                mission = self._missions[status.mission] = MissionRunner(self._context, lost_mission(status))
+                mission.end_lost()
+                self._node.log.error("a mission was lost with the store", mission=mission.id, robot=status.robot)
+
     def is_halted(self, robot: str) -> bool:
         """Whether a robot's latest status says that it is halted."""
         return any(row.message.robot == robot and row.message.state == "halted" for row in self._robots.rows())
@@ -120,8 +137,9 @@ class MissionRegistry:
             if mission.robot and mission is not last[mission.robot]:
                 mission.supersede(last[mission.robot].id)
                 continue
-            self._node.log.info("resumes a mission", mission=mission.id, step=mission.status.step)
-            mission.announce()
+            with bound_request_id(mission.status.request_id):
+                self._node.log.info("resumes a mission", mission=mission.id, step=mission.status.step)
+                mission.announce()
         self._forget_oldest()
         return True
 

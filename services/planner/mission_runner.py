@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import msgspec
 
-from surveilnav.bus import Refused, clock_ns
+from surveilnav.bus import Refused, bound_request_id, clock_ns
 from surveilnav.messages import FINISHED_STATES, MissionGoal, MissionStatus, Plan, RobotStatus
 from surveilnav.services.planner.core import FloorMaps, MissionState, RobotView, step
 from surveilnav.services.planner.floor_maps import FloorMapsClient
@@ -137,6 +137,13 @@ class MissionRunner:
         self._end("failed", error="superseded", message=f"robot {self.robot} was given mission {by!r} meanwhile")
         self._ended.set()
 
+    def end_lost(self) -> None:
+        """Tells everybody, and the store, of the end of a mission that the store didn't know."""
+        self._save_or_warn()
+        self.report.open()
+        self.report.close()
+        self._ended.set()
+
     def retry_saving(self) -> None:
         """Writes the end of the mission to the store if that failed before; otherwise a restart would resume the mission."""
         if self.unsaved and self.finished:  # an open mission is written with its next decision anyway
@@ -172,6 +179,10 @@ class MissionRunner:
     # --- the loop -------------------------------------------------------------------------------------------------
 
     def _run(self) -> None:
+        with bound_request_id(self.status.request_id):  # everything that the mission asks for belongs to it
+            self._search_until_the_end()
+
+    def _search_until_the_end(self) -> None:
         try:
             self.report.publish_status(
                 state="active", phase="waiting", message="waiting for the robot's first view in the maps"

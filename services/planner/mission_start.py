@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from surveilnav.bus import Node, Table, clock_ns
-from surveilnav.messages import MissionGoal, MissionStatus, Revision
+from surveilnav.bus import Node, Table, clock_ns, request_id
+from surveilnav.messages import MissionGoal, MissionStatus, Revision, RobotStatus
 from surveilnav.services.planner.config import PlannerSettings
 from surveilnav.services.planner.store import SavedMission, Store
 from surveilnav.services.planner.summaries import Summaries
@@ -41,8 +41,31 @@ def new_mission(goal: MissionGoal, target: str, robot: str, message: str = "") -
             started_ns=now_ns,
             message=message,
             asked=asked,
+            request_id=request_id(),
         ),
         wanted_robot=goal.robot,
+    )
+
+
+def lost_mission(robot: RobotStatus) -> SavedMission:
+    """The end of a mission that a robot is on, and of which the store knows nothing any more."""
+    now_ns = clock_ns()
+    return SavedMission(
+        status=MissionStatus(
+            stamp_ns=now_ns,
+            mission=robot.mission,
+            target="",
+            robot=robot.robot,
+            state="failed",
+            phase="finished",
+            step=0,
+            max_steps=1,
+            path_m=robot.path_m,
+            floor=robot.floor,
+            error="mission_lost",
+            message=f"robot {robot.robot} is on it, but the planner's store doesn't have it (any more): send the goal again",
+            finished_ns=now_ns,
+        )
     )
 
 

@@ -46,6 +46,7 @@ class PlannerService:
         if now_s - self._saved_s >= _RETRY_SAVING_S:
             self._saved_s = now_s
             self._missions.retry_saving()
+            self._missions.end_lost()
         return False
 
     def _on_goal(self, request: Request) -> Answer:

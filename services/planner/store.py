@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import sqlite3
 import threading
+from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -18,8 +19,10 @@ from surveilnav.errors import SurveilNavError
 from surveilnav.messages import MissionStatus, Plan
 from surveilnav.services.planner.core import Decision
 
-#: Version of the tables and of what is in them. A store of another version is set aside, not read.
+#: Version of the tables and of what is in them. A store of any other version than these two is set aside, not read.
 VERSION = 3
+#: The version of release 0.1.0: the same but for what the core remembers of a mission, which is dropped.
+_VERSION_0_1_0 = 2
 _SCHEMA = """CREATE TABLE IF NOT EXISTS missions (
     id TEXT PRIMARY KEY, finished INTEGER NOT NULL, record TEXT NOT NULL, memory TEXT NOT NULL)"""
 _SAVE = """INSERT INTO missions (id, finished, record, memory) VALUES (?, ?, ?, ?)
@@ -84,6 +87,7 @@ class Store:
 
     A file that is damaged or of another version is moved aside under another name, which is logged, and a new one begins. Where
     the file can't be read or written, every call tries again and raises ``StoreError``: the disk may have room by then.
+    ``problem`` is why the last call failed; "" if it didn't.
 
     The column ``record`` holds a SavedMission without its memory, which has a column of its own.
     """
@@ -92,6 +96,13 @@ class Store:
         self._path, self._log = Path(path) if path else None, node.log
         self._lock = threading.Lock()
         self._open: sqlite3.Connection | None = None
+        self.problem = ""
+
+    def retry(self) -> None:
+        """Finds out whether the file can be written again, if the last call has failed."""
+        if self.problem:
+            with self._lock, suppress(StoreError):
+                self._execute(f"PRAGMA user_version = {VERSION}")
 
     def load(self) -> list[SavedMission]:
         """All missions, in the order in which they were accepted. Raises StoreError."""
@@ -130,13 +141,16 @@ class Store:
         if self._path is None:
             return []
         try:
-            return self._connection(self._path).execute(sql, values).fetchall()
+            rows = self._connection(self._path).execute(sql, values).fetchall()
         except (sqlite3.Error, OSError) as error:
             self._close()  # the next call tries again from the start
-            raise StoreError(
+            self.problem = (
                 f"the store of missions {self._path} can't be used: {error}. Make room or mend it, or set "
                 "SURVEILNAV_PLANNER__STORE to another path (empty: missions don't outlive the planner)"
-            ) from error
+            )
+            raise StoreError(self.problem) from error
+        self.problem = ""
+        return rows
 
     def _connection(self, path: Path) -> sqlite3.Connection:
         if self._open is None:
@@ -146,8 +160,15 @@ class Store:
                 self._set_aside(path, fault)
             self._open = _connect(path)
             self._open.execute(_SCHEMA)
+            if _version_of(self._open) == _VERSION_0_1_0:
+                self._upgrade(self._open)
             self._open.execute(f"PRAGMA user_version = {VERSION}")
         return self._open
+
+    def _upgrade(self, connection: sqlite3.Connection) -> None:
+        """Makes a store of release 0.1.0 one of this version. Open missions search anew, and keep their count of steps."""
+        connection.execute("UPDATE missions SET memory = ''")
+        self._log.warning("store_upgraded: open missions search anew", store=str(self._path), version=_VERSION_0_1_0)
 
     def _set_aside(self, path: Path, fault: str) -> None:
         stamp = datetime.now(UTC).strftime("%Y%m%d-%H%M%S-%f")
@@ -170,6 +191,10 @@ def _connect(path: Path) -> sqlite3.Connection:
     return connection
 
 
+def _version_of(connection: sqlite3.Connection) -> int:
+    return int(connection.execute("PRAGMA user_version").fetchone()[0])
+
+
 def _fault_of(path: Path) -> str:
     """Why a store can't be read; empty if it can, or if there is none yet.
 
@@ -181,7 +206,7 @@ def _fault_of(path: Path) -> str:
     try:
         connection = _connect(path)
         try:
-            version = connection.execute("PRAGMA user_version").fetchone()[0]
+            version = _version_of(connection)
             sound = connection.execute("PRAGMA quick_check(1)").fetchone()[0] == "ok"
         finally:
             connection.close()
@@ -191,4 +216,4 @@ def _fault_of(path: Path) -> str:
         return f"store_corrupt ({error})"
     if not sound:
         return "store_corrupt (its integrity check failed)"
-    return "" if version == VERSION else f"store_version (expected {VERSION}, got {version})"
+    return "" if version in (VERSION, _VERSION_0_1_0) else f"store_version (expected {VERSION}, got {version})"

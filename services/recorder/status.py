@@ -42,5 +42,7 @@ class RecorderStatusPublisher:
 
     def _publish(self) -> None:
         while not self._node.stopping.wait(_PERIOD_S):
+            status = self.status()
+            self._node.report_problem("recordings", status.problem)
             with suppress(BusError):  # the next one follows soon
-                self._publisher.put(self.status())
+                self._publisher.put(status)

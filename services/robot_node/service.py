@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 
-from surveilnav.bus import Answer, Node, Refused, Request, clock_ns
+from surveilnav.bus import Answer, Node, Refused, Request, bound_request_id, clock_ns, request_id
 from surveilnav.contract import ROBOT_COMMAND, ROBOT_HALT, ROBOT_STATUS
 from surveilnav.messages import CommandReply, HaltReply, RobotStatus
 from surveilnav.services.robot_node import core
@@ -30,7 +30,7 @@ class RobotService:
         self._unpublished = True
         self._status_s = 0.0
         self._deadline_s: float | None = None
-        self._problem = ""
+        self._problem = self._request_id = ""  # of the last command
         self._halt_switch = HaltSwitch(settings.store)
         self._stop_judge = StopJudge(node, settings.id, judge) if judge is not None else None
         self._observations = ObservationPublisher(node, settings.id)
@@ -53,8 +53,9 @@ class RobotService:
                 raise Refused("bad_command", reason)
             if command.mission != body.state.mission:
                 body.begin_mission(command.mission)
+                self._node.log.info("begins a mission", mission=command.mission)
             body.act(command.action, command.to_floor)
-            self._unpublished, self._problem = True, ""
+            self._unpublished, self._problem, self._request_id = True, "", request_id()
             self._deadline_s = None if body.state.stopped else time.monotonic() + command.deadline_ms / 1000
             self._node.wake.set()
             if self._stop_judge is not None:
@@ -78,12 +79,16 @@ class RobotService:
 
     def step(self) -> bool:
         """One turn of the loop: publishes what is due. True if a new observation was published."""
-        now_s = time.monotonic()
+        with bound_request_id(self._request_id):
+            return self._publish_due(time.monotonic())
+
+    def _publish_due(self, now_s: float) -> bool:
         with self._acting:
             is_new, self._unpublished = self._unpublished, False
             self._check_deadline(now_s)
         if is_new or now_s - self._status_s >= _STATUS_PERIOD_S:
             self._status_s = now_s
+            self._halt_switch.retry_saving()
             self._statuses.put(self._status())
         if is_new:
             observed, quality = self._body.observe(), self._settings.jpeg_quality
@@ -102,17 +107,13 @@ class RobotService:
     def _status(self) -> RobotStatus:
         state = self._body.state  # read once: mission and path must belong together
         halt = self._halt_switch.state
+        missed, awaiting = bool(self._problem), self._deadline_s is not None
         return core.status_message(
             state,
             robot=self._settings.id,
-            state_name=core.reported_state(
-                state,
-                halt,
-                deadline_missed=bool(self._problem),
-                awaiting_command=self._deadline_s is not None,
-            ),
+            state_name=core.reported_state(state, halt, deadline_missed=missed, awaiting_command=awaiting),
             message=halt.refusal("move") or self._problem,
             stairs=self._body.stairs,
-            notes=self._body.notes,
+            notes=[*self._body.notes, *self._halt_switch.notes],
             stamp_ns=clock_ns(),
         )

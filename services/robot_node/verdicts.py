@@ -6,7 +6,7 @@ import threading
 from collections import OrderedDict
 from collections.abc import Callable
 
-from surveilnav.bus import Answer, Node, Request, clock_ns
+from surveilnav.bus import Answer, Node, Request, clock_ns, keep_request_id
 from surveilnav.contract import JUDGED, MISSION_STATUS
 from surveilnav.errors import SurveilNavError
 from surveilnav.messages import Judged
@@ -32,7 +32,8 @@ class StopJudge:
     def judge_stop(self, state: RobotState) -> None:
         """Starts to judge the mission if the robot called ``stop`` in ``state``; otherwise does nothing."""
         if state.stopped and state.mission:
-            threading.Thread(target=self._publish_verdict, args=(state,), name="verdict", daemon=True).start()
+            publish = keep_request_id(self._publish_verdict)
+            threading.Thread(target=publish, args=(state,), name="verdict", daemon=True).start()
 
     def _publish_verdict(self, state: RobotState) -> None:
         try:

@@ -48,6 +48,11 @@ ASKING = {
     "stop": ["stop"],
     "release": ["release"],
 }
+#: Commands that work on files and need nothing but the base, as people type them.
+ON_FILES = {
+    "backup": ["backup", "x", "--state", "/nowhere"],
+    "restore": ["restore", "/nowhere"],
+}
 #: Every other command: its extra, and how it is typed.
 NEEDING = {
     "demo": ("simulator", ["demo"]),
@@ -176,7 +181,7 @@ def commands(command: Any, names: tuple[str, ...] = ()) -> set[str]:
 
 
 def test_each_command_is_sorted():
-    assert commands(typer.main.get_command(app)) == set(ASKING) | set(NEEDING)
+    assert commands(typer.main.get_command(app)) == set(ASKING) | set(ON_FILES) | set(NEEDING)
 
 
 def test_commands_that_ask_a_running_system_need_no_extra():
@@ -188,6 +193,11 @@ def test_commands_that_ask_a_running_system_need_no_extra():
         if code != 1 or "no gateway answers" not in said
     }
     assert wrong == {}
+
+
+def test_commands_on_files_need_no_extra():
+    told = run(["surveilnav.cli.backup_archive", "surveilnav.cli.backup_stores"], list(ON_FILES.values()))
+    assert all(code == 1 and "/nowhere" in said for code, said in told), told
 
 
 def test_every_other_command_names_its_extra():

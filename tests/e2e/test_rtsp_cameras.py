@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from surveilnav.bus.router import free_port
 from surveilnav.client import Client
@@ -30,6 +31,7 @@ class Streamed:
 
     system: System
     server: object
+    file: Path
 
 
 @pytest.fixture(scope="module")
@@ -47,6 +49,7 @@ def streamed(tmp_path_factory: pytest.TempPathFactory, home_cache: Path) -> Iter
         yield Streamed(
             start(cameras=1, perception="compact", cameras_file=file, lighting="baked", gateway_port=free_port()),
             server,
+            file,
         )
 
 
@@ -108,6 +111,35 @@ def test_a_mission_over_streams_succeeds_and_a_camera_adds_to_its_maps(streamed:
     assert (ended.state, ended.found) == ("done", True), ended
     until(lambda: objects_of_cameras(s), "no camera's stream gave an object", timeout_s=30.0)
     assert explored_by_estimate(s) > 100
+
+
+@pytest.mark.slow
+def test_the_file_of_cameras_is_edited_while_a_mission_runs(streamed: Streamed) -> None:
+    """Broken, a camera turned, one removed and added again: the mission goes on, and every edit has its effect."""
+    s, written, mission = streamed.system, streamed.file.read_text(), "edited"
+    described = yaml.safe_load(written)
+    s.search("bed", mission=mission)
+    s.wait(lambda m: m.step >= 2 or m.state in FINISHED_STATES, 120, mission)
+
+    streamed.file.write_text("cameras: [")
+    until(lambda: "isn't used" in s.stack.log_of("camera-c0-1v2").read_text(), timeout_s=20.0)
+    assert _live(s, "c0-1v2")
+    before = s.node.ask(CAMERA_INFO, floor="0", camera="c0-1v2").message.views[0]
+    described["cameras"][1]["yaw_deg"] += 10.0
+    removed = described["cameras"].pop(0)
+    streamed.file.write_text(yaml.safe_dump(described))
+    until(lambda: (i := _live(s, "c0-1v2")) and i.views[0] != before, "it wasn't turned", timeout_s=30.0)
+    process = s.stack.processes["camera-c0-1v8"]
+    until(lambda: process.poll() == 1, "its camera was removed, and it runs on", timeout_s=30.0)
+    assert "no camera 'c0-1v8' in" in s.stack.log_of("camera-c0-1v8").read_text()
+    assert s.node.alive("camera") == {"c0-1v2"}
+    described["cameras"].insert(0, removed)
+    streamed.file.write_text(yaml.safe_dump(described))
+    s.stack.start("camera-c0-1v8")
+    until(lambda: _live(s, "c0-1v8"), "it didn't come back", timeout_s=30.0)
+
+    ended = s.wait(lambda m: m.state in FINISHED_STATES, 240, mission)
+    assert (ended.state, ended.found) == ("done", True), ended
 
 
 @pytest.mark.slow

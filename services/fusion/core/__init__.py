@@ -10,9 +10,10 @@ warm_up     compiles the inner loops before a robot waits for them
 """
 
 from surveilnav.services.fusion.core.config import FusionConfig, MapConfig, ValueConfig
-from surveilnav.services.fusion.core.joint_map import IntegrationResult, JointMap, in_order
+from surveilnav.services.fusion.core.joint_map import IntegrationResult, JointMap
 from surveilnav.services.fusion.core.objects.config import ObjectConfig
 from surveilnav.services.fusion.core.views.invocation import active_cameras
+from surveilnav.services.fusion.core.views.order import in_order
 
 __all__ = [
     "FusionConfig",

@@ -172,6 +172,21 @@ class ValidationConfig(ConfigPart):
     corrected_floor_share: float = Field(
         default=0.15, gt=0, le=1, description="... and refused if a mistake explains this share, and four times as much"
     )
+    max_tilt_deg: float = Field(
+        default=2.5, gt=0, description="a camera by whose views the floor leans by more isn't believed"
+    )
+    max_height_error_m: float = Field(
+        default=0.15, gt=0, description="... and one by whose views the floor lies higher or lower by more"
+    )
+    min_refuted_voxels: int = Field(
+        default=1500, ge=1, description="a camera isn't believed if others look through so many of its voxels"
+    )
+    max_refuted_share: float = Field(
+        default=0.08, gt=0, le=1, description="... and this share of those where others have looked, too"
+    )
+    compare_every_views: int = Field(
+        default=8, ge=1, description="after so many views of robots, cameras are compared with them"
+    )
 
 
 class ViewOrderConfig(ConfigPart):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -107,6 +107,8 @@ class JointMap:
         result = self.add_detections(corrected, perception, geometry)
         if result is not None:
             self.validator.record_integrated(view, perception)
+            if view.is_robot:
+                self.quarantine.record_robot_view(self._floors[result.floor].geometry.cloud)
         return result
 
     def integrate(self, view: PosedView, perception: ViewPerception | None) -> IntegrationResult:
@@ -367,6 +369,7 @@ class JointMap:
         return {
             "revision": self.revision,
             "validator": self.validator.state(),
+            "quarantine": self.quarantine.state(),
             "name_of": dict(self._name_of),
             "climbs": {robot: climb.state() for robot, climb in self._climbs.items()},
             "floors": [
@@ -384,6 +387,8 @@ class JointMap:
         joint = cls(config)
         joint.revision, joint._name_of = state["revision"], dict(state["name_of"])
         joint.validator = ViewValidator.from_state(state["validator"], config.validation)
+        if "quarantine" in state:  # an earlier program's snapshot has none
+            joint.quarantine = Quarantine.from_state(state["quarantine"], config.validation)
         joint._climbs = {robot: ClimbTracker.from_state(climb) for robot, climb in state["climbs"].items()}
         for maps in state["floors"]:
             geometry = FloorMap.from_state(maps["geometry"], config.map)
@@ -393,8 +398,3 @@ class JointMap:
                 ObjectMap.from_state(maps["objects"], geometry.floor, geometry.z_m, config.map.voxel_m, config.objects),
             )
         return joint
-
-
-def in_order(views: Iterable[PosedView]) -> list[PosedView]:
-    """The order in which the views of one step are integrated: by time, then source, then view."""
-    return sorted(views, key=lambda v: (v.stamp_ns, v.source, v.view, v.seq))

@@ -62,6 +62,12 @@ class Contribution:
         return source == self.source and self.covers(stamp_ns, stamp_ns)
 
 
+def sources_to_remove(joint: JointMap) -> list[str]:
+    """The cameras in quarantine whose views the maps hold nevertheless: these came before it was known."""
+    reasons = joint.quarantine.reasons()
+    return sorted(reasons.keys() & joint.validator.sources()) if reasons else []
+
+
 def without(joint: JointMap, removed: Contribution) -> JointMap:
     """A copy of the joint maps without a contribution, at the next revision."""
     state = joint.state()

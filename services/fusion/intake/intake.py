@@ -100,7 +100,7 @@ class ViewIntake:
         header = frame.message
         if fault := self._sources.wrong_intrinsics(header):
             key = header.source, header.view
-            self._faulty[key] = PerceivedView(key, header, fault=fault)
+            self._faulty[key] = PerceivedView(key, header, fault=fault, request_id=frame.request_id)
             return
         self.positions.record(header)
         self._pictures.put(frame)

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 
 import msgspec
 
-from surveilnav.bus import Node, Received, Refused, clock_ns
+from surveilnav.bus import Node, Received, Refused, bound_request_id, clock_ns
 from surveilnav.contract import PERCEPTION_INFER
 from surveilnav.errors import BusError, PerceptionError, WireError
 from surveilnav.messages import FrameHeader, InferReply, InferRequest
@@ -145,8 +145,11 @@ class PerceptionClient:
                     self._lock.wait(timeout=0.2)
                     continue
             frame = self._next_frame(lane)
-            if frame is not None and (finished := self._try_to_perceive(lane, frame)) is not None:
-                self._deliver(lane, finished)
+            if frame is not None:
+                with bound_request_id(frame.request_id):
+                    finished = self._try_to_perceive(lane, frame)
+                if finished is not None:
+                    self._deliver(lane, finished)
             lane.active = None
 
     def _try_to_perceive(self, lane: _Lane, frame: Received[FrameHeader]) -> PerceivedView | None:
@@ -156,7 +159,8 @@ class PerceptionClient:
             return self._perceive(lane, frame)
         except WireError as error:
             self._node.reject("frame", f"{header.source} view {header.view}: {error}")
-            return PerceivedView((header.source, header.view), header, fault=f"unreadable: {error}")
+            key, fault = (header.source, header.view), f"unreadable: {error}"
+            return PerceivedView(key, header, fault=fault, request_id=frame.request_id)
         except Exception as error:
             self._node.warn_seldom("a view could not be perceived", error=f"{type(error).__name__}: {error}")
             self._node.stopping.wait(self._settings.retry_s)
@@ -192,7 +196,7 @@ class PerceptionClient:
         header, key = frame.message, (frame.message.source, frame.message.view)
         words = self.words()
         if self._maps.processed.contains(key, _digest(frame, self._workers.embedder, words)):
-            return PerceivedView(key, header)
+            return PerceivedView(key, header, request_id=frame.request_id)
         view = decode_frame(header, frame.payload)
         reply, perception, attempts, embedder = b"", None, 0, self._workers.embedder
         looks_down = looks_straight_down(view.T_world_camera)
@@ -218,7 +222,8 @@ class PerceptionClient:
                 if self._node.stopping.is_set() or key in lane.waiting:
                     return None
         lane.problem = ""
-        return PerceivedView(key, header, view, perception, frame.payload, reply, _digest(frame, embedder, words))
+        digest = _digest(frame, embedder, words)
+        return PerceivedView(key, header, view, perception, frame.payload, reply, digest, request_id=frame.request_id)
 
     def _ask(self, frame: Received[FrameHeader], words: tuple[str, ...]) -> tuple[bytes, ViewPerception]:
         """Asks a worker about a frame; returns its reply, as bytes and decoded."""

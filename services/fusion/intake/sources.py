@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import msgspec
 
-from surveilnav.bus import LatestMessage, Node, Received, clock_ns
+from surveilnav.bus import LatestMessage, Node, Received, bound_request_id, clock_ns
 from surveilnav.contract import CAMERA_FRAME, CAMERA_INFO, CAMERA_REQUEST, MAP_REVISION, ROBOT_OBSERVATION, ROBOT_STATUS
 from surveilnav.errors import BusError
 from surveilnav.messages import CameraInfo, CameraRequest, FrameHeader
@@ -127,7 +127,10 @@ class Sources:
             # a robot repeats its observation until it gets a command; after a restart it numbers anew
             if (header.seq, header.stamp_ns) != self._newest.get(robot):
                 self._newest[robot] = header.seq, header.stamp_ns
-                frames.append(self._by_our_clock(frame))
+                with bound_request_id(frame.request_id):
+                    frames.append(self._by_our_clock(frame))
+                    if frame.request_id:
+                        self._node.log_once("takes in a mission's views", robot=robot)
         return frames
 
     def _camera_frames(self) -> list[Received[FrameHeader]]:

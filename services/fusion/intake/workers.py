@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from surveilnav.bus import Node, Received, Refused
+from surveilnav.bus import Node, Received, Refused, keep_request_id
 from surveilnav.contract import PERCEPTION_INFER, PERCEPTION_LOAD, Stream
 from surveilnav.errors import PerceptionError, SurveilNavError
 from surveilnav.messages import InferRequest, WorkerLoad
@@ -135,7 +135,7 @@ class Workers:
 
         with self._lock:
             self._selector.record_request(worker)
-        threading.Thread(target=ask, name=f"ask-{worker}", daemon=True).start()
+        threading.Thread(target=keep_request_id(ask), name=f"ask-{worker}", daemon=True).start()
 
     def _cancel(self, stream: Stream, request: InferRequest, workers: Iterable[str]) -> None:
         """Tells workers that a request has been answered, so that they drop it if it still waits."""
@@ -155,7 +155,7 @@ class Workers:
                 self._node.ask(stream, cancellation, timeout_s=_CANCEL_TIMEOUT_S, worker=worker)
 
         for worker in workers:
-            threading.Thread(target=send, args=(worker,), name=f"cancel-{worker}", daemon=True).start()
+            threading.Thread(target=keep_request_id(send), args=(worker,), name=f"cancel-{worker}", daemon=True).start()
 
     def _patience_s(self, load: WorkerLoad, timeout_s: float) -> float:
         with self._lock:

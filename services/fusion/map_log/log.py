@@ -13,7 +13,7 @@ from collections.abc import Iterable
 from enum import Enum
 from pathlib import Path
 
-from surveilnav.bus import Node
+from surveilnav.bus import Node, bound_request_id
 from surveilnav.messages.maps import ObjectEvent
 from surveilnav.services.fusion.building_maps import BuildingMaps, Outcome
 from surveilnav.services.fusion.config import FusionSettings
@@ -113,7 +113,8 @@ class MapLog:
                 return
         self._waiting.clear()
         for number, perceived in zip(numbers, batch, strict=True):
-            self._report(perceived, self._integrate(number, perceived))
+            with bound_request_id(perceived.request_id):
+                self._report(perceived, self._integrate(number, perceived))
         self._write_events()
 
     def _integrate(self, number: int, perceived: PerceivedView) -> Outcome:
@@ -228,11 +229,13 @@ class MapLog:
         begin, n_removals = self._maps.number, self._maps.removals
         for _ in replay(self._store, self._node, self._maps, removals, self._integrate):
             pass
-        if self._maps.removals > n_removals:
-            self._store.replace_events(begin, self._events)
+        is_from_log_alone = begin == 0 and any(True for _ in self._store.snapshots())
+        if is_from_log_alone or self._maps.removals > n_removals:
+            self._store.replace_events(begin, self._events)  # ids of objects may be others than those in the file
             self._events = []
-            self.removals.finish_after_restart()
             self._snapshots.make_due()
+        if self._maps.removals > n_removals:
+            self.removals.finish_after_restart()
         self._write_events()
         if self._pictures_expire and self._maps.number:  # it is unknown how long its pictures have been in the file
             self._snapshots.forget_pictures()

@@ -35,16 +35,18 @@ def restore_snapshot(store: Store, node: Node, maps: BuildingMaps, removals: Seq
     If there is none, the empty maps take its place, provided that the log begins with them; else the newest snapshot that
     can be read, from which the removals by replay become removals by provenance.
 
-    Damaged snapshots are logged and skipped. If that leaves a gap before the log, the file is copied aside so that somebody may
-    repair it, since the next snapshots will replace what it still holds.
+    Damaged snapshots, and those of another version of the program, are logged and skipped. If that leaves a gap before the log,
+    the file is copied aside so that somebody may repair it, or go back to the other version, since the next snapshots will
+    replace what it still holds.
 
     Returns:
         The removals, each in the way in which it can be carried out.
 
     Raises:
-        SnapshotError: the snapshot is of another version or of other settings. StoreError: the file can't be read.
+        SnapshotError: the snapshot is of other settings. StoreError: the file can't be read.
     """
-    damaged, unclean = [], []
+    damaged: list[int] = []
+    unclean = []
     for up_to, contents, read in store.snapshots():
         if not contents.is_free_of(removals):
             unclean.append((up_to, read))
@@ -65,7 +67,7 @@ def restore_snapshot(store: Store, node: Node, maps: BuildingMaps, removals: Seq
 
 
 def _restore(maps: BuildingMaps, up_to: int, read: Callable[[], bytes | None], node: Node) -> bool:
-    """Restores the maps from a snapshot; False if it is damaged. Raises SnapshotError as ``restore_snapshot``."""
+    """Restores the maps from a snapshot; False if it is damaged or of another version. SnapshotError: of other settings."""
     try:
         data = read()
         if data is None:
@@ -73,9 +75,9 @@ def _restore(maps: BuildingMaps, up_to: int, read: Callable[[], bytes | None], n
         maps.restore(unpack(data))
         return True
     except SnapshotError as error:
-        if error.name != "corrupt":
+        if error.name not in ("corrupt", "other_version"):
             raise
-        node.log.warning("snapshot_corrupt", up_to=up_to, error=str(error))
+        node.log.warning(f"snapshot_{error.name}", up_to=up_to, error=str(error))
         return False
 
 
@@ -129,6 +131,7 @@ def _reflect(node: Node, maps: BuildingMaps, pending: list[Removal], number: int
                 maps.remove_by_provenance(removal)
         except Exception as error:  # fusion must start all the same
             node.log.warning("removal_lost", removal=removal.id, error=f"{type(error).__name__}: {error}")
+        maps.update_quarantine(removal)
         maps.removals = removal.id
     return []
 

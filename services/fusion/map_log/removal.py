@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 from surveilnav.services.fusion.core.removal import Contribution
 
@@ -31,6 +31,7 @@ class Removal:
             doesn't reach back far enough; what the source alone has seen is taken out of the maps as they are.
         requested_ns, finished_ns: when it was asked for, and done or given up; 0 until then.
         message: what was done, what remains, or why it failed; for people.
+        quarantined: if the camera was removed because it isn't believed, what its views had shown (``Quarantine.state_of``).
     """
 
     id: int
@@ -43,6 +44,7 @@ class Removal:
     state: RemovalState = "running"
     message: str = ""
     finished_ns: int = 0
+    quarantined: dict[str, Any] | None = None
 
     @property
     def contribution(self) -> Contribution:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 from surveilnav.bus import Node, Refused, clock_ns
 from surveilnav.services.fusion.building_maps import BuildingMaps
+from surveilnav.services.fusion.core.removal import sources_to_remove
 from surveilnav.services.fusion.map_log.rebuild import MapRebuild
 from surveilnav.services.fusion.map_log.recovery import has_clean_base
 from surveilnav.services.fusion.map_log.removal import Removal, RemovalState, Way
@@ -16,6 +17,7 @@ from surveilnav.services.fusion.map_log.store import Store, StoreError
 
 _MAX_KNOWN = 100  # removals that are told of
 _ANSWER_S = 4.0
+_RETRY_S = 30.0  # after a camera in quarantine couldn't be removed
 _REMAINS = (
     "the log doesn't reach back far enough: what {source} alone has seen is gone; where others look too, its points stay in "
     "the mean, and obstacles and explored floor that no voxel tells of stay"
@@ -30,6 +32,10 @@ class RemovalRequest:
     since_ns: int | None
     until_ns: int | None
     answer: Future[Removal]
+
+    def removal(self) -> Removal:
+        """The removal that is asked for, without an id."""
+        return replace(_new_removal(self.source), since_ns=self.since_ns, until_ns=self.until_ns)
 
 
 class Removals:
@@ -48,7 +54,7 @@ class Removals:
         self._requests: queue.SimpleQueue[RemovalRequest] = queue.SimpleQueue()
         self._rebuild: MapRebuild | None = None
         self._running: Removal | None = None
-        self._began_s = 0.0
+        self._began_s = self._retry_at_s = 0.0
         self.known: list[Removal] = []
         self._changes: list[Removal] = []
 
@@ -76,7 +82,7 @@ class Removals:
     def finish_after_restart(self) -> None:
         """Marks removals as done that the restored maps reflect. Raises StoreError."""
         for removal in [r for r in self.known if r.state == "running" and r.id <= self._maps.removals]:
-            self._end(removal, "done", f"{removal.message}; completed when fusion was started again".lstrip("; "))
+            self._end(removal, "done", "completed when fusion was started again")
 
     def ask(self, source: str, since_ns: int | None, until_ns: int | None) -> Removal:
         """Has the main loop begin a removal, and returns it as it began. Safe from any thread.
@@ -111,11 +117,13 @@ class Removals:
             if not request.answer.set_running_or_notify_cancel():
                 continue
             try:
-                removal = self._begin(request, ready=ready)
+                removal = self._begin(request.removal(), ready=ready)
                 changed = changed or ("provenance" if removal.way == "provenance" else None)
                 request.answer.set_result(removal)
             except Refused as refused:
                 request.answer.set_exception(refused)
+        if ready and self._running is None and time.monotonic() >= self._retry_at_s:
+            changed = changed or self._remove_quarantined()
         return changed
 
     def close(self) -> None:
@@ -123,21 +131,32 @@ class Removals:
         if self._rebuild is not None:
             self._rebuild.close()
 
-    def _begin(self, request: RemovalRequest, *, ready: bool) -> Removal:
+    def _remove_quarantined(self) -> Way | None:
+        """Removes a camera that isn't believed any more; returns the way in which the maps have changed."""
+        for source in sources_to_remove(self._maps.joint)[:1]:
+            self._retry_at_s = time.monotonic() + _RETRY_S  # should it fail
+            quarantine = self._maps.joint.quarantine
+            removal = replace(_new_removal(source), quarantined=quarantine.state_of(source))
+            removal = replace(removal, message=f"the camera isn't believed: {quarantine.reasons()[source]}")
+            try:
+                return "provenance" if self._begin(removal, ready=True).way == "provenance" else None
+            except Refused as refused:
+                self._node.warn_seldom("a camera in quarantine can't be removed from the maps", error=str(refused))
+        return None
+
+    def _begin(self, removal: Removal, *, ready: bool) -> Removal:
+        """Commits a removal, which has no id yet, and begins it. Refused: as ``ask``."""
         spans = self._maps.processed.spans
-        if request.source not in spans:
+        if removal.source not in spans:
             known = ", ".join(sorted(spans)) or "none yet"
-            raise Refused("unknown_source", f"the maps hold no views of {request.source}; they hold some of {known}")
+            raise Refused("unknown_source", f"the maps hold no views of {removal.source}; they hold some of {known}")
         if self._running is not None:
             retry_ms = 5000
             raise Refused("busy", f"{self._running.source} is still being removed: try again", retry_after_ms=retry_ms)
         if not ready:
             raise Refused("store_down", "fusion's store can't be written now, so a removal might not last: try again")
-        removal = Removal(
-            0, self._maps.number, request.source, request.since_ns, request.until_ns, "replay", clock_ns()
-        )
         try:
-            removal = self._committed(removal)
+            removal = self._committed(replace(removal, number=self._maps.number))
         except StoreError as error:
             raise Refused("store_down", f"fusion's store can't be written: {error}") from error
         self._began_s = time.monotonic()
@@ -207,7 +226,9 @@ class Removals:
         self._end(removal, "failed", f"the log can't be replayed: {error}")
 
     def _end(self, removal: Removal, state: RemovalState, message: str) -> Removal:
+        message = "; ".join(filter(None, (removal.message, message)))
         ended = replace(removal, state=state, message=message, finished_ns=clock_ns())
+        self._retry_at_s = 0.0 if state == "done" else self._retry_at_s
         self.known = [ended if r.id == ended.id else r for r in self.known]
         self._changes.append(ended)
         seconds = round(time.monotonic() - self._began_s, 2) if self._began_s else None
@@ -218,6 +239,10 @@ class Removals:
         except StoreError as error:  # the next start ends it again
             self._node.warn_seldom("the end of a removal can't be written", error=str(error))
         return ended
+
+
+def _new_removal(source: str) -> Removal:
+    return Removal(0, 0, source, None, None, "replay", clock_ns())
 
 
 def _facts(removal: Removal) -> dict[str, object]:

@@ -32,7 +32,7 @@ def mission_from_status(
     )
 
 
-def mission_from_ack(ack: m.MissionAck, goal: NewMission, seen_ns: int) -> Mission:
+def mission_from_ack(ack: m.MissionAck, goal: NewMission, seen_ns: int, request_id: str) -> Mission:
     """A mission that the planner has just accepted, before its first status."""
     return resource_from(
         Mission,
@@ -42,6 +42,7 @@ def mission_from_ack(ack: m.MissionAck, goal: NewMission, seen_ns: int) -> Missi
         robot=ack.robot or goal.robot,
         max_steps=goal.max_steps,
         error=None,
+        request_id=request_id,
         last_seen=utc(seen_ns),
         stale=False,
     )

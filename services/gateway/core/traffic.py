@@ -68,6 +68,7 @@ def _node(report: TrafficReport, received: ReportAge) -> NodeTraffic:
         simulation_bytes=sum(r.n_bytes for r in report.rows) - sum(r.n_bytes for r in real),
         clock_offset_s=(report.stamp_ns - received.seen_ns) / 1e9 if received.seen_ns else None,
         rejected=report.rejected,
+        problems=report.problems,
         last_seen=utc(received.seen_ns),
         stale=received.stale,
     )

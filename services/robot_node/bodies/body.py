@@ -45,11 +45,13 @@ class Body(Protocol):
 
     Attributes:
         stairs: the stairs or lifts that it can take, once for each direction.
-        notes: sentences for people about where it can't go.
+        notes: sentences for people about where it can't go, and about what is wrong with it.
     """
 
     stairs: Sequence[Stair]
-    notes: Sequence[str]
+
+    @property
+    def notes(self) -> Sequence[str]: ...
 
     @property
     def state(self) -> RobotState:

@@ -31,7 +31,12 @@ class SimulatedBody:
         self._building, self._state, self._file = building, state, state_file
         self._labels = building.scene.truth_labels
         self.stairs: Sequence[Stair] = robot_motion.stairs_in(building.navigation)
-        self.notes: Sequence[str] = [*building.notes[:_MAX_NOTES]]
+
+    @property
+    def notes(self) -> Sequence[str]:
+        """What people should know of the building and of its file."""
+        problem = self._file.problem if self._file is not None else ""
+        return [*self._building.notes[:_MAX_NOTES], *([problem] if problem else [])]
 
     @property
     def state(self) -> RobotState:

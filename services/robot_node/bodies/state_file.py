@@ -22,11 +22,13 @@ class StateFile:
     """Holds the newest state of one robot.
 
     ``origin`` identifies the building and the start that the robot's states belong to: a file of another origin is ignored.
+    ``problem``: why the newest state couldn't be saved, as a sentence for people; "" if it was.
     """
 
     def __init__(self, path: Path, origin: str) -> None:
         self._path, self._origin = path, origin
         self._log = structlog.get_logger()
+        self.problem = ""
 
     def load(self) -> RobotState | None:
         """The state that was saved last; None if there is no file, it can't be read, or it is of another origin."""
@@ -45,5 +47,8 @@ class StateFile:
         data = msgspec.msgpack.encode(saved, enc_hook=lambda number: number.item())  # the hook is for numpy's numbers
         try:
             write_parts(self._path, _FORMAT, [data])
+            self.problem = ""
         except OSError as error:
-            self._log.warning("the robot's state can't be saved", path=str(self._path), error=str(error))
+            if not self.problem:
+                self._log.warning("the robot's state can't be saved", path=str(self._path), error=str(error))
+            self.problem = f"where it stands can't be saved: {error}"

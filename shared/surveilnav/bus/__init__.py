@@ -4,6 +4,7 @@
 """
 
 from surveilnav.bus.connection import Received
+from surveilnav.bus.correlation import bound_request_id, is_request_id, keep_request_id, request_id
 from surveilnav.bus.node import Node
 from surveilnav.bus.publishing import LatestMessage, Publisher, Subscription, Table
 from surveilnav.bus.queries import Answer, Request
@@ -22,5 +23,9 @@ __all__ = [
     "Subscription",
     "Table",
     "Unanswered",
+    "bound_request_id",
     "clock_ns",
+    "is_request_id",
+    "keep_request_id",
+    "request_id",
 ]

@@ -6,6 +6,7 @@ Whatever arrives is decoded and checked here, and its bytes are counted by key. 
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -16,6 +17,7 @@ import structlog
 import zenoh
 
 from surveilnav.bus import wire
+from surveilnav.bus.correlation import attached_request_id, bound_request_id, request_id
 from surveilnav.bus.logs import RateLimiter
 from surveilnav.bus.settings import MAX_MESSAGE_BYTES, BusSettings, host_and_port
 from surveilnav.bus.traffic import TrafficMeter
@@ -46,6 +48,7 @@ class Received(Generic[M]):
         message: the decoded message.
         payload: the raw bytes beside it; empty if the stream has none.
         received_ns: when it arrived, in nanoseconds since the epoch.
+        request_id: the request that it belongs to (``bus.correlation``); "": none.
     """
 
     key: str
@@ -53,6 +56,7 @@ class Received(Generic[M]):
     message: M
     payload: bytes
     received_ns: int
+    request_id: str = ""
 
     @property
     def age_s(self) -> float:
@@ -77,6 +81,7 @@ class Connection:
         self.stopping, self.wake = threading.Event(), threading.Event()
         self.large_answer = threading.Lock()
         self._log_limiter = RateLimiter()
+        self._known_requests = RateLimiter(period_s=math.inf)
         self._threads: list[threading.Thread] = []
         self._declared: list[object] = []
 
@@ -142,9 +147,10 @@ class Connection:
             data, raw = (attachment, payload) if stream.payload else (payload, b"")
             message = wire.decode(stream.message, data, schema_in(sample.encoding))
         except WireError as error:
-            self.reject(stream.name, str(error))
+            with bound_request_id(attached_request_id(attachment)):
+                self.reject(stream.name, str(error))
             return None
-        return Received(key, ids, message, raw, clock_ns())
+        return Received(key, ids, message, raw, clock_ns(), attached_request_id(attachment))
 
     def reject(self, where: str, why: str) -> None:
         """Counts remote data that was dropped, and logs it at a limited rate."""
@@ -155,6 +161,11 @@ class Connection:
         """Logs a warning, at a limited rate for each event and ``where``."""
         if self._log_limiter.try_acquire(event + str(facts.get("where", ""))):
             self.log.warning(event, **facts)
+
+    def log_once(self, event: str, **facts: Any) -> None:
+        """Logs an event the first time that it happens for the request of now, so that its id is found in this log."""
+        if request_id() and self._known_requests.try_acquire(f"{event} {request_id()}"):
+            self.log.info(event, **facts)
 
     def error_seldom(self, event: str, stream: str, error: Exception) -> None:
         """Logs an error with its traceback, at a limited rate for each event and stream."""

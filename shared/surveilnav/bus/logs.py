@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import io
 import logging
+import math
 import sys
 import threading
 import time
-from typing import Any
+from typing import Any, TextIO, cast
 
 import structlog
+
+from surveilnav.bus.correlation import add_request_id
 
 
 def configure(log_format: str = "console", level: str = "info") -> None:
@@ -21,14 +24,14 @@ def configure(log_format: str = "console", level: str = "info") -> None:
         renderer = structlog.dev.ConsoleRenderer(colors=sys.stderr.isatty())
     structlog.configure(
         processors=[
-            structlog.contextvars.merge_contextvars,
+            add_request_id,
             structlog.processors.add_log_level,
             structlog.processors.TimeStamper(fmt="iso", utc=True),
             structlog.processors.format_exc_info,
             renderer,
         ],
         wrapper_class=structlog.make_filtering_bound_logger(logging.getLevelName(level.upper())),
-        logger_factory=structlog.PrintLoggerFactory(_CurrentStderr()),
+        logger_factory=structlog.PrintLoggerFactory(cast(TextIO, _CurrentStderr())),
         cache_logger_on_first_use=True,
     )
 
@@ -56,7 +59,7 @@ class RateLimiter:
         """Whether an event of this key is allowed now. If so, the next ones are refused for ``period_s``."""
         now = time.monotonic()
         with self._lock:
-            if now - self._last.get(key, -1e9) < self._period_s:
+            if now - self._last.get(key, -math.inf) < self._period_s:
                 return False
             if len(self._last) >= self._capacity:
                 self._last.clear()

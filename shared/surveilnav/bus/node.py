@@ -35,6 +35,7 @@ from surveilnav.messages.base import Message
 
 #: A loop that hasn't turned for this long counts as hanging. Rendering a view that isn't cached takes a second or two.
 _STALLED_S = 30.0
+_MAX_PROBLEM_CHARS = 500
 
 
 class Node:
@@ -63,6 +64,7 @@ class Node:
         self.wake = self._connection.wake
         self.ready: Callable[[], bool] = lambda: True
         self._announces = alive
+        self._problems: dict[str, str] = {}
         self._stepped_s: float | None = None
 
     # --- process --------------------------------------------------------------------------------------------------
@@ -114,9 +116,10 @@ class Node:
             try:
                 # A long report every second would itself be traffic. Without news it is sent only before it becomes stale.
                 rows = [row for row in self.traffic.rows() if row.key != self._traffic_publisher.key]
-                due = rows != reported or time.monotonic() - reported_s >= TRAFFIC.max_age_ms / 2000
+                news = rows, self._problems
+                due = news != reported or time.monotonic() - reported_s >= TRAFFIC.max_age_ms / 2000
                 if due and self._traffic_publisher.matched:
-                    reported, reported_s = rows, time.monotonic()
+                    reported, reported_s = news, time.monotonic()
                     self._traffic_publisher.put(self.traffic_report())
                 if self.settings.health_file and self.healthy():
                     self.settings.health_file.parent.mkdir(parents=True, exist_ok=True)
@@ -139,6 +142,7 @@ class Node:
             kind=self.kind,
             rows=self.traffic.rows(),
             rejected=self.traffic.rejected(),
+            problems=self._problems,
             wire_sent_bytes=wire and wire[0],
             wire_received_bytes=wire and wire[1],
         )
@@ -249,6 +253,11 @@ class Node:
 
     # --- warnings -------------------------------------------------------------------------------------------------
 
+    def report_problem(self, what: str, why: str) -> None:
+        """Has everybody know, by this node's traffic report, that it can't do something now. ``why``: for people; "": it can."""
+        if self._problems.get(what, "") != why:
+            self._problems = {k: v for k, v in {**self._problems, what: why[:_MAX_PROBLEM_CHARS]}.items() if v}
+
     def reject(self, where: str, why: str) -> None:
         """Counts remote data that was dropped, and logs it at a limited rate."""
         self._connection.reject(where, why)
@@ -256,3 +265,7 @@ class Node:
     def warn_seldom(self, event: str, **facts: Any) -> None:
         """Logs a warning, at a limited rate for each event and ``where``."""
         self._connection.warn_seldom(event, **facts)
+
+    def log_once(self, event: str, **facts: Any) -> None:
+        """Logs an event the first time that it happens for the request of now, so that its id is found in this log."""
+        self._connection.log_once(event, **facts)

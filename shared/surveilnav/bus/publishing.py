@@ -9,6 +9,7 @@ from typing import Any, Generic
 import zenoh
 
 from surveilnav.bus.connection import CONGESTION, PRIORITY, Connection, M, Received, bus_errors, check_size, encoding_of
+from surveilnav.bus.correlation import attach_request_id, bound_request_id
 from surveilnav.bus.queries import Question
 from surveilnav.bus.wire import encode
 from surveilnav.contract import Stream
@@ -38,13 +39,14 @@ class Publisher:
     def put(self, message: Message, payload: bytes = b"") -> None:
         """Publishes a message, with a payload if the stream has one. Raises BusError if it can't be sent."""
         header = encode(message)
-        check_size(self.key, header, payload)
+        if self._stream.payload:
+            attachment = attach_request_id(header)
+        else:
+            payload, attachment = header, attach_request_id()
+        check_size(self.key, attachment, payload)
         with bus_errors(self.key):
-            if self._stream.payload:
-                self._publisher.put(payload, attachment=header)
-            else:
-                self._publisher.put(header)
-        self._connection.traffic.count(self.key, "offered", len(header) + len(payload) + len(self.key))
+            self._publisher.put(payload, attachment=attachment or None)
+        self._connection.traffic.count(self.key, "offered", len(attachment) + len(payload) + len(self.key))
 
     def close(self) -> None:
         self._publisher.undeclare()  # type: ignore[no-untyped-call]
@@ -74,7 +76,8 @@ class Subscription(Generic[M]):
     ) -> None:
         def on_sample(sample: Any) -> None:
             if received := connection.decode(stream, sample):
-                on_message(received)
+                with bound_request_id(received.request_id):
+                    on_message(received)
 
         self._subscriber = connection.session.declare_subscriber(key, on_sample)
 
@@ -117,7 +120,8 @@ class Table(Generic[M]):
         elif received := self._connection.decode(self._stream, sample):
             self._store(received)
             if self._on_message is not None:
-                self._on_message(received)
+                with bound_request_id(received.request_id):
+                    self._on_message(received)
         self._connection.wake.set()
 
     def _store(self, received: Received[M]) -> None:

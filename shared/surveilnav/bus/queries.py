@@ -24,6 +24,13 @@ from surveilnav.bus.connection import (
     encoding_of,
     schema_in,
 )
+from surveilnav.bus.correlation import (
+    attach_request_id,
+    attached_request_id,
+    bound_request_id,
+    has_no_message,
+    request_id,
+)
 from surveilnav.bus.wire import Refused, Unanswered, clock_ns, decode, encode
 from surveilnav.contract import Stream
 from surveilnav.errors import SurveilNavError, WireError
@@ -116,18 +123,24 @@ class QueryServer:
         if self._is_meant_for_another(query):
             query.drop()
             return
-        try:
-            answers = self._handler(self._request(query, received_ns))
-        except Exception as error:
-            self._fail(query, error)
-            return
-        if isinstance(answers, Future):
-            answers.add_done_callback(lambda done: self._send_result(query, done))
-        else:
-            self._send(query, answers)
+        id = attached_request_id(bytes_of(query.attachment))
+        with bound_request_id(id):
+            try:
+                answers = self._handler(self._request(query, received_ns))
+            except Exception as error:
+                self._fail(query, error)
+                return
+            if not isinstance(answers, Future):
+                self._send(query, answers)
+                return
+        answers.add_done_callback(lambda done: self._send_result(query, done, id))
 
-    def _send_result(self, query: Any, done: Future[Answers]) -> None:
+    def _send_result(self, query: Any, done: Future[Answers], request_id: str) -> None:
         """Answers a query whose handler returned a future."""
+        with bound_request_id(request_id):
+            self._send_or_fail(query, done)
+
+    def _send_or_fail(self, query: Any, done: Future[Answers]) -> None:
         try:
             answers = done.result()
         except Exception as error:
@@ -137,8 +150,9 @@ class QueryServer:
 
     def _is_meant_for_another(self, query: Any) -> bool:
         """Whether a query with wildcards is for another stream, whose keys match this one's: then it carries no request."""
-        carries = bytes_of(query.payload) or bytes_of(query.attachment)
-        return self._stream.request is not None and "*" in str(query.key_expr) and not carries
+        if self._stream.request is None or "*" not in str(query.key_expr):
+            return False
+        return not bytes_of(query.payload) and has_no_message(bytes_of(query.attachment))
 
     def _send(self, query: Any, answers: Answers) -> None:
         try:
@@ -293,20 +307,25 @@ class Question:
 
     def _replies(self, timeout_s: float) -> Iterator[Any]:
         options: dict[str, Any] = {}
-        header = b""
+        payload, header = self.payload, b""
         if self.request is not None:
             header = encode(self.request)
             options["encoding"] = encoding_of(type(self.request))
-            options |= {"payload": self.payload, "attachment": header} if self.payload else {"payload": header}
-        check_size(self.key, header, self.payload)
+        if payload or request_id():
+            attachment = attach_request_id(header)
+        else:
+            payload, attachment = header, b""
+        check_size(self.key, attachment, payload)
         selector: Any = self.key
         if self.parameters:
             selector = f"{self.key}?" + ";".join(f"{quote(k)}={quote(v)}" for k, v in self.parameters.items())
-        self.connection.traffic.count(self.key, "offered", len(header) + len(self.payload) + len(self.key))
+        self.connection.traffic.count(self.key, "offered", len(attachment) + len(payload) + len(self.key))
         with bus_errors(self.key):
             replies = self.connection.session.get(
                 selector,
                 timeout=timeout_s,
+                payload=payload or None,
+                attachment=attachment or None,
                 consolidation=zenoh.ConsolidationMode.NONE,
                 priority=PRIORITY[self.stream.priority],
                 congestion_control=CONGESTION[self.stream.when_full],

@@ -71,6 +71,7 @@ class MissionStatus(Message, frozen=True, kw_only=True):
         object_id: the object that was found, or is being approached.
         error, message: name and description of the reason for a failure.
         floor_choice_bytes: bytes of the cameras' summaries so far, of all floors: the cost of choosing the floor.
+        request_id: the request that began it, by which the log lines about it are found.
     """
 
     mission: str
@@ -91,6 +92,7 @@ class MissionStatus(Message, frozen=True, kw_only=True):
     finished_ns: int = 0
     floor_choice_bytes: int = 0
     asked: str = ""
+    request_id: str = ""
 
 
 class Candidate(msgspec.Struct, frozen=True):

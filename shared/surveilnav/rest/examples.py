@@ -27,6 +27,7 @@ MISSION: dict[str, Any] = {
     "object_id": None,
     "error": None,
     "message": "to a frontier, 3.1 m",
+    "request_id": "0af7651916cd43dd8448eb211c80319c",
     "started": "2026-01-31T10:00:00Z",
     "finished": None,
     "floor_choice_bytes": 1234,

@@ -59,6 +59,9 @@ class Mission(Resource):
     object_id: int | None = None
     error: Text = Field(default=None, description="the name of the failure")
     message: str = ""
+    request_id: Text = Field(
+        default=None, description="of the request that began it; all log lines about the mission have it"
+    )
     started: datetime | None = None
     finished: datetime | None = None
     floor_choice_bytes: int = Field(

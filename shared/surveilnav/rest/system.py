@@ -46,6 +46,9 @@ class NodeTraffic(Resource):
         "times of pictures whose clock is ahead by more than a second",
     )
     rejected: dict[str, int] = Field(description="what it dropped because it couldn't be read, by reason")
+    problems: dict[str, str] = Field(
+        default={}, description="what it can't do now, and why: `store`: it can't be written; empty if all is well"
+    )
 
 
 class SourceTraffic(Resource):

@@ -8,6 +8,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import cv2
@@ -58,6 +59,13 @@ def file(tmp_path: Path) -> Iterator[Path]:
 
 @pytest.fixture
 def camera(file: Path, bus: BusSettings) -> Iterator[subprocess.Popen[bytes]]:
+    with started(file, bus) as process:
+        yield process
+
+
+@contextmanager
+def started(file: Path, bus: BusSettings) -> Iterator[subprocess.Popen[bytes]]:
+    """A camera node's process, which takes any free camera of the file."""
     variables = {
         "SURVEILNAV_BUS__ROUTER": str(bus.router),
         "SURVEILNAV_BUS__BUILDING": bus.building,
@@ -102,3 +110,25 @@ def test_an_entry_is_changed_broken_mended_and_removed(
     until(lambda: info() is None, info, timeout_s=30.0)
     until(lambda: "other" in client.alive("camera"), lambda: client.alive("camera"), timeout_s=30.0)
     assert camera.poll() is None
+
+
+def test_a_spare_process_outlives_a_broken_file_and_takes_a_camera_that_is_added(
+    file: Path,
+    camera: subprocess.Popen[bytes],
+    bus: BusSettings,
+    make_node,  # type: ignore[no-untyped-def]
+) -> None:
+    client: Node = make_node("test", "t", alive=False)
+    until(lambda: client.alive("camera") == {"hall"}, lambda: client.alive("camera"), timeout_s=30.0)
+    with started(file, bus) as spare:
+        time.sleep(3.0)
+        file.write_text("cameras: [", encoding="utf-8")
+        time.sleep(5.0)
+        assert (camera.poll(), spare.poll()) == (None, None)
+        assert client.alive("camera") == {"hall"}, "what can't be read changes nothing"
+        file.unlink()
+        time.sleep(3.0)
+        assert (camera.poll(), spare.poll()) == (None, None)
+        entry = FILE[FILE.index("  - name") :]
+        file.write_text(FILE + entry.replace("name: hall", "name: gate"), encoding="utf-8")
+        until(lambda: client.alive("camera") == {"hall", "gate"}, lambda: client.alive("camera"), timeout_s=30.0)

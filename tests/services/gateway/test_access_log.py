@@ -10,6 +10,7 @@ from structlog.testing import capture_logs
 
 from surveilnav.services.gateway import access_log
 from surveilnav.services.gateway.access_log import AccessLog
+from tests.waiting import until
 
 NOON = datetime(2026, 1, 31, 12, tzinfo=UTC)
 
@@ -120,3 +121,17 @@ def test_a_disk_that_cant_be_written_stops_nobody_from_looking(tmp_path, place):
     with capture_logs() as said:
         log.flush()
     assert any("can't be written down" in line["event"] for line in said)
+
+
+def test_what_a_full_disk_had_no_room_for_is_written_once_there_is_room(tmp_path, monkeypatch):
+    monkeypatch.setattr("surveilnav.services.gateway.access_log._RETRY_S", 0.05)
+    told, folder = [], tmp_path / "looks"
+    folder.write_text("in the way")
+    log = AccessLog(folder, report_problem=told.append)
+    for view in range(3):
+        log.add("10.0.0.1", "c1", view, "latest", NOON)
+    log.flush()
+    assert all("can't be written down" in why for why in told)
+    folder.unlink()
+    until(lambda: told[-1] == "")
+    until(lambda: [r.view for r in AccessLog(folder).records_of("c1", NOON)] == [2, 1, 0])

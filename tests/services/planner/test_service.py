@@ -1101,6 +1101,29 @@ def test_of_two_open_missions_of_a_robot_the_later_goes_on(fakes, make_node, beg
     assert f.seqs == list(range(len(f.seqs)))
 
 
+def test_a_mission_that_was_lost_with_the_store_ends_by_name(fakes, make_node, begin, client, tmp_path):
+    settings = QUICK.model_copy(update={"store": str(tmp_path / "planner.sqlite")})
+    f = fakes()
+    f.slow_s = 0.05
+    node = make_node("planner", "planner")
+    begin(node, settings)
+    submit(client)
+    until(lambda: len(f.commands) >= 3)
+    node.__exit__(None, None, None)
+    for path in tmp_path.glob("planner.sqlite*"):
+        path.unlink()
+    service = begin(make_node("planner", "planner"), settings)
+    service._saved_s = 0.0
+    service.step()
+    (status,) = [answer.message for answer in client.ask_all(MISSION_STATUS)]
+    assert (status.mission, status.state, status.error) == ("m1", "failed", "mission_lost")
+    f.slow_s = 0.0
+    submit(client, "m2")
+    assert end_of(client, "m2").found
+    (lost, found) = Store(settings.store, client).load()
+    assert (lost.status.error, found.status.found) == ("mission_lost", True)
+
+
 def test_a_memory_that_cannot_be_read_begins_anew_with_its_steps_counted(fakes, make_node, begin, client, tmp_path):
     settings = QUICK.model_copy(update={"store": str(tmp_path / "planner.sqlite")})
     f = fakes()

@@ -155,7 +155,7 @@ def newer(path):
 
 
 def older(path):
-    of_version(path, VERSION - 1)
+    of_version(path, VERSION - 2)
 
 
 @pytest.mark.parametrize(
@@ -222,6 +222,21 @@ def test_a_full_disk_is_named_and_heals(open_store, tmp_path):
         store.save(large)
     store.save(saved("c"))  # there is room again
     assert {"a", "c"} <= {m.status.mission for m in store.load()}
+
+
+def test_whether_there_is_room_again_is_found_out_without_a_mission(open_store, tmp_path):
+    folder = tmp_path / "folder"
+    folder.write_text("in the way")
+    store = open_store(folder / "planner.sqlite")
+    store.retry()
+    assert store.problem == "", "it wasn't asked for anything yet"
+    with pytest.raises(StoreError):
+        store.save(saved())
+    store.retry()
+    assert "can't be used" in store.problem
+    folder.unlink()
+    store.retry()
+    assert store.problem == ""
 
 
 def test_people_can_read_it(open_store, tmp_path):

@@ -333,6 +333,19 @@ def test_a_halt_that_cant_be_kept_still_stops_the_robot(tmp_path):
     assert not switch.state.halted
 
 
+def test_a_halt_that_cant_be_kept_is_told_and_kept_once_there_is_room(robot, client, tmp_path):
+    (tmp_path / "file").write_text("no folder")
+    store = str(tmp_path / "file" / "robot.bin")
+    service = robot(Body(), store=store)
+    halt(client, reason="smoke")
+    told = lambda: client.ask(ROBOT_STATUS, robot="r1").message.notes  # noqa: E731
+    assert any("whether it is halted can't be saved" in note for note in told())
+    (tmp_path / "file").unlink()
+    service.step()
+    assert told() == list(Body.notes)
+    assert HaltSwitch(store).state == HaltState(True, "smoke")
+
+
 def test_a_robot_that_was_halted_comes_back_halted(robot, client, command, tmp_path):
     store = str(tmp_path / "robot.bin")
     HaltSwitch(store).set(True, "smoke")

@@ -9,9 +9,9 @@ import pytest
 
 from surveilnav.bus import BusSettings, Node
 from surveilnav.bus.router import free_port, open_router
-from surveilnav.contract import ROBOT_STATUS
+from surveilnav.contract import ROBOT_STATUS, TRAFFIC
 from surveilnav.errors import BusError
-from tests.waiting import until
+from tests.waiting import until, until_heard
 
 
 def test_a_loop_that_hangs_is_not_healthy(bus, tmp_path, monkeypatch):
@@ -57,3 +57,15 @@ def test_a_router_that_returns_is_found_again(tmp_path, status):
                 return table.get(robot="r1")
 
             until(arrives, timeout_s=15)
+
+
+def test_a_problem_is_told_while_it_lasts(make_node):
+    node, client = make_node("fusion", "f"), make_node("cli", "c", alive=False)
+    problems = lambda: client.ask(TRAFFIC, node="fusion-f").message.problems  # noqa: E731
+    assert until_heard(problems) == {}
+    node.report_problem("store", "the disk is full" + "!" * 1000)
+    node.report_problem("other", "")
+    assert list(problems()) == ["store"]
+    assert len(problems()["store"]) == 500
+    node.report_problem("store", "")
+    assert problems() == {}

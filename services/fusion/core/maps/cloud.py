@@ -7,6 +7,7 @@ which only looks at the regions in front of it.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable
 from typing import Any
 
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 from surveilnav.services.fusion.core.config import MapConfig
 from surveilnav.services.fusion.core.maps import voxels
 from surveilnav.services.fusion.core.maps.carving import FreeDepthImage
-from surveilnav.services.fusion.core.maps.provenance import MAX_SETS, SourceSets
+from surveilnav.services.fusion.core.maps.provenance import MAX_SETS, Agreement, SourceSets
 from surveilnav.services.fusion.core.maps.voxel_index import grow_index, new_index
 from surveilnav.services.fusion.core.maps.voxels import BITS, HALF, MASK, NEVER, VOXEL
 
@@ -157,6 +158,19 @@ class VoxelCloud:
     def source_sets(self) -> list[list[str]]:
         """The source sets by number, as in ``provenance``."""
         return self._sets.lists()
+
+    def agreement(self) -> dict[str, Agreement]:
+        """How far what each source has measured agrees with what others have seen."""
+        sources, is_carved = self._voxels["sources"][: self._n], self._is_carved()
+        sets = self._sets.lists()
+        carved = np.bincount(sources[is_carved], minlength=len(sets))
+        present = np.bincount(sources[~is_carved], minlength=len(sets))
+        n_refuted = {members[0]: int(n) for members, n in zip(sets, carved, strict=True) if len(members) == 1}
+        n_confirmed: Counter[str] = Counter()
+        for members, n in zip(sets, present, strict=True):
+            if len(members) > 1:
+                n_confirmed.update(dict.fromkeys(members, int(n)))
+        return {name: Agreement(n_refuted.get(name, 0), n_confirmed[name]) for name in {*n_refuted, *n_confirmed}}
 
     def centres(self, numbers: NDArray[np.int32]) -> NDArray[np.float64]:
         """Centres (N, 3) [m, world] of the voxels with these numbers (N,)."""

@@ -3,10 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 #: At most so many different sets are told apart; any further one becomes ``[MANY]``.
 MAX_SETS = 1 << 16
 MANY = "many"
+
+
+@dataclass(frozen=True, slots=True)
+class Agreement:
+    """How far what a source has measured agrees with what others have seen, in voxels.
+
+    Attributes:
+        n_refuted: nobody but the source has seen something there, and later views look through it.
+        n_confirmed: others have seen something there, too.
+    """
+
+    n_refuted: int = 0
+    n_confirmed: int = 0
+
+    @property
+    def refuted_share(self) -> float:
+        return self.n_refuted / max(1, self.n_refuted + self.n_confirmed)
 
 
 class SourceSets:

@@ -12,7 +12,7 @@ distance to the nearest robot. The running system and the benchmark order views 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +20,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from surveilnav.geometry import Grid, Matrix4, Pinhole
+from surveilnav.sensing.views import PosedView
 from surveilnav.services.fusion.core.config import ViewOrderConfig
 from surveilnav.services.fusion.core.maps.projection import AZIMUTHS
 
@@ -132,6 +133,11 @@ def visible_ranges_m(footprint: ViewFootprint, floor: KnownFloor | None) -> NDAr
     out[bins, 1] = np.where(blocked.any(axis=1), r_m[blocked.argmax(axis=1)], f.to_m)
     out[out[:, 1] <= out[:, 0]] = 0.0
     return out
+
+
+def in_order(views: Iterable[PosedView]) -> list[PosedView]:
+    """The order in which the views of one step are integrated: by time, then source, then view."""
+    return sorted(views, key=lambda v: (v.stamp_ns, v.source, v.view, v.seq))
 
 
 def highest_first(utilities_m2: NDArray[np.float64]) -> list[int]:

@@ -1,30 +1,88 @@
-"""Cameras whose description is wrong: once enough of a camera's views say so, none is believed until it is described anew.
+"""Cameras whose description is wrong: none of their views is believed until they are described anew.
 
-Part of a wrong camera's views pass the comparison with the floor (``plausibility``), since they show too little of it. But the
-description is the same for all of them.
+Three things show that a description is wrong:
+
+- A view has hardly any floor, but has much once one common mistake is undone (``plausibility``). Such a view is refused at once.
+- Several views of one camera show a floor that leans, or lies at another height, all in the same way (``floor_plane``).
+- Others look through what the camera has measured, where both have looked.
+
+Views that came before this was known may be in the maps. So the camera must be removed from them (``removal.sources_to_remove``).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import hashlib
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any
 
 from surveilnav.sensing.views import PosedView
 from surveilnav.services.fusion.core.config import ValidationConfig
+from surveilnav.services.fusion.core.maps.cloud import VoxelCloud
+from surveilnav.services.fusion.core.maps.provenance import Agreement
+from surveilnav.services.fusion.core.views.floor_plane import FloorPlane, fit_floor_plane
 from surveilnav.services.fusion.core.views.plausibility import find_mistake
 from surveilnav.services.fusion.core.views.validation import ViewError
 
 #: So many pictures must disagree with the floor, and so large a share of the views with the newest word of each.
 _MIN_PICTURES, _MIN_SHARE = 2, 0.25
+#: A plane is taken for the floor if so many of the view's points are on it, and it extends so far.
+_PLANE_SHARE, _PLANE_SPREAD_M = 0.15, 0.25
+#: Furniture shows as a floor that is too high. Then some real floor is usually seen, too: more than this share of the points.
+_MAX_DESCRIBED_SHARE = 0.02
+#: Planes of two views are the same within this.
+_SAME_TILT_RAD, _SAME_HEIGHT_M = math.radians(1.0), 0.06
+#: So many pictures of a camera that has one view only must show the same plane, and this share of its points must be on it.
+_MIN_PICTURES_OF_ONE_VIEW, _PLANE_SHARE_OF_ONE_VIEW = 3, 0.3
+#: So many views, and half of the camera's, must show the same floor above the described one.
+_MIN_HIGHER_VIEWS = 4
 
 
 @dataclass(slots=True)
 class _Camera:
-    """What the views of one camera showed. ``mistakes``: the last one by view, "" for a view without; ``n_refused``: pictures."""
+    """What the views of one camera showed.
 
-    description: dict[int, bytes] = field(default_factory=dict)
+    Attributes:
+        descriptions: a hash of pose and lens, by view.
+        mistakes: by view, the mistake that its newest picture shows; "" for none.
+        planes: by view, the floor that its newest picture shows, where it shows one.
+        n_refused: how many pictures showed a mistake.
+        n_pictures: how many pictures showed a floor.
+        why: why the camera isn't believed; "" if it is.
+    """
+
+    descriptions: dict[int, str] = field(default_factory=dict)
     mistakes: dict[int, str] = field(default_factory=dict)
+    planes: dict[int, FloorPlane] = field(default_factory=dict)
     n_refused: int = 0
+    n_pictures: int = 0
     why: str = ""
+
+    @classmethod
+    def from_state(cls, state: Mapping[str, Any]) -> _Camera:
+        return cls(
+            descriptions={int(view): text for view, text in state["descriptions"]},
+            mistakes={int(view): text for view, text in state["mistakes"]},
+            planes={int(view): FloorPlane(**fields) for view, fields in state["planes"]},
+            **{name: state[name] for name in ("n_refused", "n_pictures", "why")},
+        )
+
+    def record_plane(self, view: int, plane: FloorPlane | None) -> None:
+        """Records the floor that the newest picture of a view shows."""
+        if plane is not None and plane.share >= _PLANE_SHARE and plane.spread_m >= _PLANE_SPREAD_M:
+            self.planes[view] = plane
+            self.n_pictures += 1
+        else:
+            self.planes.pop(view, None)
+
+    def state(self) -> dict[str, Any]:
+        return {
+            "descriptions": sorted(self.descriptions.items()),
+            "mistakes": sorted(self.mistakes.items()),
+            "planes": sorted((view, asdict(plane)) for view, plane in self.planes.items()),
+            **{name: getattr(self, name) for name in ("n_refused", "n_pictures", "why")},
+        }
 
 
 class Quarantine:
@@ -33,9 +91,10 @@ class Quarantine:
     def __init__(self, config: ValidationConfig) -> None:
         self._config = config
         self._cameras: dict[str, _Camera] = {}
+        self._n_robot_views = 0  # since agreement was compared last
 
     def check(self, view: PosedView) -> None:
-        """Compares a new view with the floor that it must see.
+        """Records what a new view shows of the floor that it must see.
 
         Raises:
             ViewError: ``geometry_disagrees``, a mistake in its camera's description is found; ``quarantined``: one was found in
@@ -43,21 +102,120 @@ class Quarantine:
         """
         if view.is_robot or view.depth_source != "sensor":
             return
-        camera = self._cameras.setdefault(view.source, _Camera())
-        description = view.T_world_camera.tobytes() + repr(view.camera).encode()
-        if camera.description.setdefault(view.view, description) != description:  # it was calibrated anew
-            camera = self._cameras[view.source] = _Camera({view.view: description})
-        mistake = find_mistake(view, self._config) or ""
-        camera.mistakes[view.view] = mistake
-        if mistake:
-            camera.n_refused += 1
-            n_wrong = sum(map(bool, camera.mistakes.values()))
-            if camera.n_refused >= _MIN_PICTURES and n_wrong >= _MIN_SHARE * len(camera.mistakes):
-                camera.why = camera.why or mistake
-            raise ViewError("geometry_disagrees", mistake)
-        if camera.why:
-            raise ViewError("quarantined", f"other views of this camera disagree with the floor: {camera.why}")
+        camera = self._camera_of(view)
+        mistake = camera.mistakes[view.view] = find_mistake(view, self._config) or ""
+        if camera.why and not mistake:
+            raise ViewError("quarantined", f"this camera isn't believed: {camera.why}")
+        camera.record_plane(view.view, fit_floor_plane(view) if self._config.floor_share else None)
+        camera.n_refused += bool(mistake)
+        n_wrong = sum(map(bool, camera.mistakes.values()))
+        planes_disagree = _why_planes_disagree(camera, view.view, self._config)
+        if mistake and camera.n_refused >= _MIN_PICTURES and n_wrong >= _MIN_SHARE * len(camera.mistakes):
+            # in one view, another height looks like another focal length; that views agree on a height tells them apart
+            camera.why = camera.why or planes_disagree or mistake
+        elif not mistake:
+            camera.why = planes_disagree
+        if mistake or camera.why:
+            raise ViewError("geometry_disagrees", mistake or camera.why)
+
+    def record_robot_view(self, cloud: VoxelCloud) -> None:
+        """Records that a robot's view was integrated into a cloud. From time to time cameras are compared with others in it."""
+        self._n_robot_views += 1
+        if self._n_robot_views >= self._config.compare_every_views:  # it costs some milliseconds
+            self._n_robot_views = 0
+            self.record_agreement(cloud.agreement())
+
+    def record_agreement(self, agreement: Mapping[str, Agreement]) -> None:
+        """Compares cameras with others, by source. One at most is put into quarantine: it may make others look wrong."""
+        c = self._config
+        wrong = [
+            (found.refuted_share, source)
+            for source, found in agreement.items()
+            if source.startswith("camera/")
+            and found.n_refuted >= c.min_refuted_voxels
+            and found.refuted_share >= c.max_refuted_share
+            and not self._cameras.setdefault(source, _Camera()).why
+        ]
+        if wrong:
+            share, source = max(wrong)
+            self._cameras[source].why = (
+                f"others look through {100 * share:.0f} % of what it has measured where both have looked: its position or "
+                "its direction is wrong, or it isn't this camera"
+            )
 
     def reasons(self) -> dict[str, str]:
         """By source, why a camera isn't believed."""
         return {source: camera.why for source, camera in self._cameras.items() if camera.why}
+
+    def forget(self, source: str) -> None:
+        """Forgets what a camera's views have shown, so that it is believed until they show it again."""
+        self._cameras.pop(source, None)
+
+    def state_of(self, source: str) -> dict[str, Any] | None:
+        """What is known of a camera, for ``adopt``; None if nothing is."""
+        camera = self._cameras.get(source)
+        return camera.state() if camera else None
+
+    def adopt(self, source: str, state: Mapping[str, Any]) -> None:
+        """Takes over what another quarantine knew of a camera."""
+        self._cameras[source] = _Camera.from_state(state)
+
+    def state(self) -> dict[str, Any]:
+        """Everything as plain values, for ``from_state``."""
+        cameras = [[source, camera.state()] for source, camera in sorted(self._cameras.items())]
+        return {"cameras": cameras, "n_robot_views": self._n_robot_views}
+
+    @classmethod
+    def from_state(cls, state: Mapping[str, Any], config: ValidationConfig) -> Quarantine:
+        quarantine = cls(config)
+        quarantine._cameras = {source: _Camera.from_state(camera) for source, camera in state["cameras"]}
+        quarantine._n_robot_views = state["n_robot_views"]
+        return quarantine
+
+    def _camera_of(self, view: PosedView) -> _Camera:
+        """What is known of a view's camera: nothing if it is described anew."""
+        camera = self._cameras.setdefault(view.source, _Camera())
+        text = view.T_world_camera.tobytes() + repr((view.camera, view.mounting_offset_m)).encode()
+        description = hashlib.blake2b(text, digest_size=8).hexdigest()
+        if camera.descriptions.setdefault(view.view, description) != description:  # it was calibrated anew
+            camera = self._cameras[view.source] = _Camera({view.view: description})
+        return camera
+
+
+def _why_planes_disagree(camera: _Camera, view: int, config: ValidationConfig) -> str:
+    """Why the floor that a camera's views show can't be the described one; "" if it can."""
+    plane = camera.planes.get(view)
+    if plane is None or not _is_another_floor(plane, config):
+        return ""
+    n_same = sum(_is_same(p, plane) for p in camera.planes.values())
+    if len(camera.descriptions) == 1:
+        enough = camera.n_pictures >= _MIN_PICTURES_OF_ONE_VIEW and plane.share >= _PLANE_SHARE_OF_ONE_VIEW
+    elif plane.height_error_m > config.max_height_error_m:  # it may be a table that fills some of the views
+        enough = n_same >= _MIN_HIGHER_VIEWS and 2 * n_same >= len(camera.descriptions)
+    else:
+        enough = n_same >= _MIN_PICTURES and 2 * n_same >= len(camera.planes)
+    return _in_words(plane, config) if enough else ""
+
+
+def _in_words(plane: FloorPlane, config: ValidationConfig) -> str:
+    tilt_deg = math.degrees(plane.tilt_rad)
+    height_cm = 100.0 * plane.height_error_m
+    if abs(plane.height_error_m) > config.max_height_error_m:
+        lower = "lower" if height_cm > 0 else "higher"
+        return f"by the floor that it sees, it hangs {abs(height_cm):.0f} cm {lower} than stated"
+    towards_deg = math.degrees(math.atan2(plane.tilt_y_rad, plane.tilt_x_rad)) % 360
+    return (
+        f"it leans otherwise than stated: the floor that it sees would rise by {tilt_deg:.1f} degrees towards "
+        f"{towards_deg:.0f} degrees (0: the building's x axis)"
+    )
+
+
+def _is_another_floor(plane: FloorPlane, config: ValidationConfig) -> bool:
+    if abs(plane.height_error_m) > config.max_height_error_m:
+        return plane.described_share < _MAX_DESCRIBED_SHARE
+    return plane.tilt_rad > math.radians(config.max_tilt_deg)
+
+
+def _is_same(one: FloorPlane, other: FloorPlane) -> bool:
+    tilt_rad = math.hypot(one.tilt_x_rad - other.tilt_x_rad, one.tilt_y_rad - other.tilt_y_rad)
+    return tilt_rad < _SAME_TILT_RAD and abs(one.height_error_m - other.height_error_m) < _SAME_HEIGHT_M

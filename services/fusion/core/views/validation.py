@@ -218,6 +218,10 @@ class ViewValidator:
             del self._last[next(iter(self._last))]
         self._doubted.pop(key, None)
 
+    def sources(self) -> set[str]:
+        """The sources of the views that the maps hold."""
+        return {source for source, _ in self._last}
+
     def new_words(self, view: PosedView, perception: ViewPerception) -> frozenset[str]:
         """The words that perception looked for in a camera's picture now and not before.
 

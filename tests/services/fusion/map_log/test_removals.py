@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from surveilnav.bus import Refused
+from surveilnav.services.fusion.core.maps.provenance import Agreement
 from surveilnav.services.fusion.core.snapshot import dump
 from surveilnav.services.fusion.map_log import rebuild
 from surveilnav.services.fusion.map_log.rebuild import MapRebuild
@@ -299,3 +300,68 @@ def test_maps_are_what_they_would_be_had_the_source_never_been_there(
         assert_same(run, expected)
     finally:
         run.close()
+
+
+# --- cameras that aren't believed any more ------------------------------------------------------------------------
+
+SCRIPT = numbered(["robot/r", "camera/a", "robot/r", "camera/b", "camera/a", "robot/r"])
+
+
+def disbelieve(run: Run, source: str) -> None:
+    run.maps.joint.quarantine.record_agreement({source: Agreement(9_000, 10)})
+
+
+def test_what_a_camera_in_quarantine_has_contributed_is_removed_by_itself(run, tools):
+    r = run(snapshot_views=3)
+    integrate(r, SCRIPT)
+    r.log.integrate([])
+    assert r.log.removals.known == []
+    disbelieve(r, "camera/a")
+    r.log.integrate([])
+    ended = finish(r)
+    assert (ended.state, ended.source, ended.way) == ("done", "camera/a", "replay")
+    assert "others look through" in ended.message
+    for _ in range(2):
+        assert "camera/a" in r.maps.joint.quarantine.reasons(), "it stays in quarantine"
+        others = r.maps.joint.quarantine.state_of("camera/a")
+        r.maps.joint.quarantine.forget("camera/a")
+        assert_same(r, clean(tools, [view for view in SCRIPT if view[0] != "camera/a"]))
+        r.maps.joint.quarantine.adopt("camera/a", others)
+        r.log.integrate([])
+        assert len(r.log.removals.known) == 1, "once is enough"
+        r.close()
+        r.start()
+
+
+def test_a_restart_while_it_is_removed_keeps_it_in_quarantine(run, monkeypatch):
+    r = run(snapshot_views=100)
+    integrate(r, SCRIPT)
+    disbelieve(r, "camera/a")
+    with monkeypatch.context() as m:
+        m.setattr(MapRebuild, "is_complete", lambda self: False)
+        r.log.integrate([])
+        assert r.log.removals.known[-1].state == "running"
+        r.close()
+    r.start()
+    r.log.integrate([])
+    assert r.log.removals.known[-1].state == "done"
+    assert "camera/a" in r.maps.joint.quarantine.reasons()
+    assert not owns_anything(r, "camera/a")
+
+
+def test_without_a_file_it_is_removed_by_provenance(run):
+    r = run(store="")
+    integrate(r, SCRIPT)
+    disbelieve(r, "camera/a")
+    r.log.integrate([])
+    assert (r.log.removals.known[-1].state, r.log.removals.known[-1].way) == ("done", "provenance")
+    assert "camera/a" in r.maps.joint.quarantine.reasons()
+    assert not owns_anything(r, "camera/a")
+
+
+def test_whoever_has_a_camera_removed_has_it_believed_again(run):
+    r = run(store="")
+    integrate(r, SCRIPT)
+    disbelieve(r, "camera/a")
+    ask(r, "camera/a")
+    assert "camera/a" not in r.maps.joint.quarantine.reasons()

@@ -120,6 +120,22 @@ def test_a_robot_that_died_stands_where_it_stood(settings):
     assert again.state != open_simulated_body(Building(), RobotSettings(start="1, 1, 0, 0")).state
 
 
+def test_a_full_disk_stops_no_robot_and_is_told_until_there_is_room(settings, tmp_path, monkeypatch):
+    def full(path, kind, parts):
+        raise OSError(28, "No space left on device")
+
+    body = open_simulated_body(Building(), settings())
+    notes = list(body.notes)
+    with monkeypatch.context() as disk:
+        disk.setattr("surveilnav.services.robot_node.bodies.state_file.write_parts", full)
+        body.act("turn_left")
+        assert body.state.seq == 1
+        assert [*notes, "where it stands can't be saved: [Errno 28] No space left on device"] == list(body.notes)
+    body.act("turn_left")
+    assert list(body.notes) == notes
+    assert open_simulated_body(Building(), settings()).state == body.state
+
+
 def test_what_was_told_was_kept_before(settings, monkeypatch):
     body, seen = open_simulated_body(Building(), settings()), []
     save = body._file.save

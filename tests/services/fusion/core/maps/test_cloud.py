@@ -99,6 +99,29 @@ def test_taken_up_again_it_goes_on_as_if_nothing_had_been():
     assert whole.source_sets() == cloud.source_sets()
 
 
+def test_agreement_counts_what_others_saw_and_what_they_look_through():
+    """Against a loop over the voxels."""
+    rng, cloud = np.random.default_rng(3), VoxelCloud(CONFIG)
+    for _ in range(6):
+        cloud.add(*batch(rng))
+    columns = cloud.state()
+    columns["voxels"]["seen_through_before_ns"][::3] = 9
+    cloud = VoxelCloud.from_state(columns, CONFIG)
+    expected: dict[str, list[int]] = defaultdict(lambda: [0, 0])
+    sets = cloud.source_sets()
+    voxels = columns["voxels"]
+    for number, before_ns in zip(voxels["sources"], voxels["seen_through_before_ns"], strict=True):
+        members = sets[number]
+        for source in members:
+            if len(members) == 1:
+                expected[source][0] += before_ns == 9
+            else:
+                expected[source][1] += before_ns != 9
+    found = {source: [a.n_refuted, a.n_confirmed] for source, a in cloud.agreement().items()}
+    assert found == dict(expected)
+    assert any(a.n_refuted and a.n_confirmed for a in cloud.agreement().values())
+
+
 def test_a_full_cloud_refuses_and_counts():
     cloud = VoxelCloud(MapConfig(max_voxels=100))
     rng = np.random.default_rng(0)

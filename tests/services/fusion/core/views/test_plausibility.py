@@ -62,7 +62,7 @@ def test_a_wrong_camera_is_believed_in_none_of_its_views_until_it_is_described_a
         with pytest.raises(ViewError, match="focal length"):
             joint.accept(with_focal_length(view, 0.5), None)
     assert list(joint.quarantine.reasons()) == ["camera/c"]
-    with pytest.raises(ViewError, match="other views of this camera disagree") as refused:
+    with pytest.raises(ViewError, match="this camera isn't believed") as refused:
         joint.accept(with_focal_length(up, 0.5), None)
     assert refused.value.name == "quarantined"
     other = replace(up, source="camera/d")
