@@ -7,9 +7,11 @@ TORCH_READY := .venv-torch/.set-up
 ARGS ?=
 # Processes among which `make test` divides the tests.
 TEST_WORKERS ?= 2
+# Images for `make sbom`.
+IMAGES ?= surveilnav surveilnav-simulation
 
 .DEFAULT_GOAL := help
-.PHONY: help setup check test coverage docs-site canary test-page test-torch test-compose demo dataset bench bench-core bench-models bench-perception bench-bus bench-gateway bench-render bench-calibration bench-chances bench-live bench-same-actions docs clean
+.PHONY: help setup check test coverage docs-site canary test-page test-torch test-compose lock sbom demo dataset bench bench-core bench-models bench-perception bench-bus bench-gateway bench-render bench-calibration bench-chances bench-live bench-same-actions docs clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-18s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -48,6 +50,12 @@ test-torch: $(TORCH_READY) ## tests of the networks under PyTorch, in .venv-torc
 
 test-compose: $(READY) ## the compose file, on a real Docker engine (skipped where there is none)
 	$(BIN)/python -m pytest -q tests/compose $(ARGS)
+
+lock: $(READY) ## what the images install, with hashes, in requirements/; after changes of pyproject.toml or constraints.txt
+	$(BIN)/python tools/lock.py
+
+sbom: $(READY) ## what the images that Compose has built contain, as CycloneDX, in build/sbom; IMAGES="surveilnav-gpu"
+	$(BIN)/python tools/sbom.py $(IMAGES)
 
 demo: $(READY) ## one search in a simulated home; the report lands in runs/
 	$(BIN)/surveilnav demo $(ARGS)
