@@ -97,6 +97,40 @@ def test_a_search_of_eight_cameras_and_two_workers_is_found_though_containers_ar
     assert (mission["state"], mission["found"]) == ("done", True), f"{mission}\n{stack.state()}"
 
 
+#: A node of another release or contract; it prints why it is refused, or stays until somebody has heard of it.
+_STRANGER = """
+import sys, surveilnav
+from surveilnav import contract
+surveilnav.__version__, contract.VERSION = sys.argv[1], int(sys.argv[2])
+from surveilnav.bus import BusSettings, Node
+from surveilnav.errors import BusError
+try:
+    with Node("recorder", "left-running", BusSettings(health_file=None)) as node:
+        node.stopping.wait(30)
+except BusError as error:
+    print(error)
+"""
+
+
+def test_a_node_of_another_contract_is_refused_by_name_and_the_rest_goes_on(stack: Stack) -> None:
+    said = stack.compose("exec", "-T", "gateway", "python", "-c", _STRANGER, "9.0.0", "2")
+    assert "speaks contract 1, but this recorder is of release 9.0.0 and speaks contract 2" in said
+    nodes = {f"{n['kind']}/{n['id']}": n for n in stack.get("/api/v1/traffic")["nodes"]}
+    assert "recorder/left-running" not in nodes
+    assert not any(n["other_release"] for n in nodes.values()), nodes
+    assert stack.get("/readyz")["ready"] is True
+
+
+def test_a_node_of_another_release_is_named(stack: Stack) -> None:
+    stack.compose("exec", "--detach", "gateway", "python", "-c", _STRANGER, "0.0.9", "1")
+
+    def named() -> list[tuple[str, str]]:
+        nodes = stack.get("/api/v1/traffic")["nodes"]
+        return [(n["id"], n["release"]) for n in nodes if n["other_release"] and not n["stale"]]
+
+    assert until(named, "nobody named it", 30.0) == [("left-running", "0.0.9")]
+
+
 def test_maps_and_missions_outlive_their_containers(stack: Stack) -> None:
     before = stack.get("/api/v1/missions")["items"]
     assert before, "this test needs the mission of the one above"
