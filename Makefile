@@ -11,7 +11,7 @@ TEST_WORKERS ?= 2
 IMAGES ?= surveilnav surveilnav-simulation
 
 .DEFAULT_GOAL := help
-.PHONY: help setup check test coverage docs-site canary test-page test-torch test-compose lock sbom demo dataset bench bench-core bench-models bench-perception bench-bus bench-gateway bench-render bench-calibration bench-chances bench-live bench-same-actions docs clean
+.PHONY: help setup check test coverage docs-site canary test-page test-torch test-compose test-faults soak fuzz lock sbom demo dataset bench bench-core bench-models bench-perception bench-bus bench-gateway bench-render bench-calibration bench-chances bench-live bench-same-actions docs clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-18s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -29,7 +29,7 @@ check: $(READY) ## format, lint, types, import rules
 	$(BIN)/lint-imports
 
 test: $(READY) ## all tests that need no Docker engine, on real Zenoh; TEST_WORKERS=0 runs them in one process
-	$(BIN)/python -m pytest -q -m "not compose and not page" -n $(TEST_WORKERS) --dist worksteal $(ARGS)
+	$(BIN)/python -m pytest -q -m "not compose and not page and not faults" -n $(TEST_WORKERS) --dist worksteal $(ARGS)
 
 coverage: $(READY) ## `make test`, with the lines that tests run counted, and printed by package (what CI runs)
 	@$(MAKE) --no-print-directory test ARGS="--cov --cov-report= $(ARGS)"
@@ -50,6 +50,15 @@ test-torch: $(TORCH_READY) ## tests of the networks under PyTorch, in .venv-torc
 
 test-compose: $(READY) ## the compose file, on a real Docker engine (skipped where there is none)
 	$(BIN)/python -m pytest -q tests/compose $(ARGS)
+
+test-faults: $(READY) ## each kind of fault happens once to a running system (10 minutes); as root also on full disks and cut networks
+	$(BIN)/python -m pytest -q tests/faults $(ARGS)
+
+soak: $(READY) ## every kind of fault five times, 200 bring-ups (hours); resumable; prints a table; ARGS="--times 1 --bring-ups 20"
+	$(BIN)/python -m tests.faults.soak $(ARGS)
+
+fuzz: $(READY) ## a million inputs for every decoder and file reader (an hour); resumable; ARGS="--inputs 50000 --seed 7"
+	$(BIN)/python -m tests.fuzz.decoders --inputs 1000000 --state runs/fuzz/decoders.json $(ARGS)
 
 lock: $(READY) ## what the images install, with hashes, in requirements/; after changes of pyproject.toml or constraints.txt
 	$(BIN)/python tools/lock.py

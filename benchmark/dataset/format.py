@@ -214,7 +214,7 @@ def read(path: Path, kind: type[_T]) -> _T:
     """
     try:
         return msgspec.json.decode(raw(path), type=kind)
-    except msgspec.DecodeError as error:
+    except (msgspec.DecodeError, ValueError, RecursionError) as error:
         raise ConfigError(f"{path}: {error}; it isn't of this version's format: build the dataset anew") from error
 
 
@@ -223,7 +223,7 @@ def manifest_of(root: Path) -> Manifest:
     path = root / "dataset.json"
     try:
         version = msgspec.json.decode(raw(path)).get("version")
-    except (msgspec.DecodeError, AttributeError) as error:
+    except (msgspec.DecodeError, AttributeError, ValueError, RecursionError) as error:
         raise ConfigError(f"{path} is damaged ({error}); build the dataset anew") from error
     if version != VERSION:
         raise ConfigError(f"{path} is of version {version!r}, this program reads {VERSION}: build the dataset anew")

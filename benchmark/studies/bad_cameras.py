@@ -2,14 +2,16 @@
 
     python -m surveilnav.benchmark.studies.bad_cameras data/objectnav --split val_mini --scenes 3_bedroom_attic-s0 flats_0-s0
 
-In each search, the camera nearest to the start is described wrongly in one of eight ways. Beside them, the same searches are
-played with that camera as it is, and without it. A camera that is noticed is taken out of the maps by provenance, since the
-benchmark keeps no log (``services.fusion.core.removal``).
+The first table has every camera of these buildings by itself, without a robot: how many are noticed by the floor that their views
+show. Then searches are played (``--searches 0``: none). In each, the camera nearest to the start is described wrongly in one of
+eight ways. Beside them, the same searches are played with that camera as it is, and without it. A camera that is noticed is taken
+out of the maps by provenance, since the benchmark keeps no log (``services.fusion.core.removal``).
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import math
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -30,6 +32,9 @@ from surveilnav.benchmark.runner.settings import RunSettings
 from surveilnav.geometry import Matrix4, Pinhole
 from surveilnav.sensing.views import PosedView
 from surveilnav.services.fusion.core import JointMap
+from surveilnav.services.fusion.core.config import ValidationConfig
+from surveilnav.services.fusion.core.views.quarantine import Quarantine
+from surveilnav.services.fusion.core.views.validation import ViewError
 from surveilnav.simulator.truth.choose import choose_backend
 
 #: A wrong description of a view; None: the view isn't sent.
@@ -177,6 +182,32 @@ def play(data: SceneData, sight: Sight, settings: RunSettings, n_searches: int, 
             row.n_false += len(accused - ({f"camera/{bad}"} if name != "as it is" else set()))
 
 
+FLOOR_HEADER = (
+    "| each camera by itself | noticed by its floor | after so many views, median | at most |\n|---|---|---|---|"
+)
+
+
+def noticed_by_floor(sight: Sight, mistake: Mistake) -> list[int | None]:
+    """For each camera, after how many of its views it is put into quarantine; None: never."""
+    out: list[int | None] = []
+    for info in sight.infos:
+        quarantine = Quarantine(ValidationConfig())
+        after = None
+        for k, seen in enumerate(sight.camera(info.camera), 1):
+            view = mistake(seen.view)
+            with contextlib.suppress(ViewError):
+                quarantine.check(view or seen.view)
+            after = after or (k if quarantine.reasons() else None)
+        out.append(after)
+    return out
+
+
+def floor_row(name: str, after: list[int | None]) -> str:
+    known = [n for n in after if n is not None]
+    views = f"{median(known):.0f} | {max(known)}" if known else "– | –"
+    return f"| {name} | {len(known)} of {len(after)} | {views} |"
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(prog="bad_cameras", description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("root", type=Path)
@@ -186,15 +217,22 @@ def main() -> None:
     args = parser.parse_args()
     settings, began_s = RunSettings(split=args.split), time.monotonic()
     rows = {name: Row() for name in MISTAKES}
+    by_floor: dict[str, list[int | None]] = {name: [] for name in MISTAKES if name != "without it"}
     for scene in args.scenes:
         data = load_scene(args.root, args.split, scene)
         building = open_scene(data.record, lighting="flat")
         sight = sight_of(building, choose_backend("simulated"), settings, plan=data.plan(settings.density_m2))
+        for name, after in by_floor.items():
+            after += noticed_by_floor(sight, MISTAKES[name])
         play(data, sight, settings, args.searches, rows)
         print(f"{scene}: {len(sight.infos)} cameras, {time.monotonic() - began_s:.0f} s", flush=True)
-    print(HEADER)
-    for name, row in rows.items():
-        print(row.text(name))
+    print(FLOOR_HEADER)
+    for name, after in by_floor.items():
+        print(floor_row(name, after))
+    if args.searches:
+        print(f"\n{HEADER}")
+        for name, row in rows.items():
+            print(row.text(name))
 
 
 if __name__ == "__main__":

@@ -142,7 +142,7 @@ class Store:
             return []
         try:
             rows = self._connection(self._path).execute(sql, values).fetchall()
-        except (sqlite3.Error, OSError) as error:
+        except (sqlite3.Error, OSError, UnicodeDecodeError) as error:
             self._close()  # the next call tries again from the start
             self.problem = (
                 f"the store of missions {self._path} can't be used: {error}. Make room or mend it, or set "
@@ -212,7 +212,7 @@ def _fault_of(path: Path) -> str:
             connection.close()
     except sqlite3.OperationalError:
         raise
-    except sqlite3.DatabaseError as error:
+    except (sqlite3.DatabaseError, UnicodeDecodeError) as error:  # Unicode: damaged bytes within SQLite's own message
         return f"store_corrupt ({error})"
     if not sound:
         return "store_corrupt (its integrity check failed)"

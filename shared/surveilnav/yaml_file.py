@@ -11,6 +11,8 @@ import yaml
 from surveilnav.errors import ConfigError
 
 _MAX_BYTES = 4 << 20
+#: Lists and tables in each other, and entries altogether; an alias counts as what it stands for.
+_MAX_DEPTH, _MAX_ENTRIES = 50, 500_000
 
 
 def compose(path: Path, what: str, text: str | None = None) -> yaml.Node | None:
@@ -21,20 +23,40 @@ def compose(path: Path, what: str, text: str | None = None) -> yaml.Node | None:
         text: what the file is going to hold; None: what it holds now.
 
     Raises:
-        ConfigError: the file can't be read, is larger than 4 MiB or isn't YAML.
+        ConfigError: the file can't be read, is larger than 4 MiB, isn't YAML, or has keys that are no words.
     """
     try:
         if text is None:
             if path.stat().st_size > _MAX_BYTES:
                 raise ConfigError(f"{path}: a {what} has at most {_MAX_BYTES >> 20} MiB")
             text = path.read_text(encoding="utf-8")
-        return yaml.compose(text, yaml.SafeLoader)
+        root: yaml.Node | None = yaml.compose(text, yaml.SafeLoader)
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"the {what} can't be read: {error}") from error
     except (yaml.YAMLError, RecursionError) as error:
         mark = getattr(error, "problem_mark", None)
         where = f", line {mark.line + 1}" if mark else ""
         raise ConfigError(f"{path}{where}: isn't YAML: {getattr(error, 'problem', None) or error}") from error
+    if root is not None:
+        _check(path, what, root)
+    return root
+
+
+def _check(path: Path, what: str, root: yaml.Node) -> None:
+    """Raises ConfigError if a key is no scalar, or if nodes are nested too deeply, as in themselves, or too many by aliases."""
+    waiting, n_entries = [(root, 0)], 0
+    while waiting:
+        node, depth = waiting.pop()
+        n_entries += 1
+        if depth > _MAX_DEPTH or n_entries > _MAX_ENTRIES:
+            raise ConfigError(f"{path}, line {node.start_mark.line + 1}: a {what} is simpler than this")
+        if isinstance(node, yaml.MappingNode):
+            for key, child in node.value:
+                if not isinstance(key, yaml.ScalarNode):
+                    raise ConfigError(f"{path}, line {key.start_mark.line + 1}: expected a word before the colon")
+                waiting.append((child, depth + 1))
+        elif isinstance(node, yaml.SequenceNode):
+            waiting += [(child, depth + 1) for child in node.value]
 
 
 def plain(node: yaml.Node) -> Any:
@@ -54,7 +76,7 @@ def plain(node: yaml.Node) -> Any:
         return [plain(child) for child in node.value]
     try:
         return yaml.SafeLoader("").construct_object(node)
-    except yaml.YAMLError as error:
+    except (yaml.YAMLError, ValueError) as error:  # such as 2026-02-30
         raise ValueError(f"line {node.start_mark.line + 1}: {getattr(error, 'problem', error)}") from None
 
 

@@ -174,7 +174,10 @@ def _coordinates(lines: _Lines) -> tuple[NDArray[np.float64], NDArray[np.float64
 
 def _indices(lines: _Lines, count_v: int, count_t: int) -> NDArray[np.int64]:
     """Vertex and texture (corners, 2) of every corner; -1 for textures that aren't there."""
-    index = np.array(lines.corners, dtype=np.int64).reshape(-1, 2)
+    try:
+        index = np.array(lines.corners, dtype=np.int64).reshape(-1, 2)
+    except OverflowError:
+        raise BuildingError(f"{lines.name}: a face names a vertex that isn't there; it has {count_v}") from None
     if len(index) and (index[:, 0].min() < 0 or index[:, 0].max() >= count_v):
         raise BuildingError(f"{lines.name}: a face names a vertex that isn't there; it has {count_v}")
     index[(index[:, 1] >= count_t) | (index[:, 1] < -1), 1] = -1

@@ -153,14 +153,26 @@ def _runs(pid: int) -> bool:
 
 
 @contextmanager
-def up(folder: Path, building: str = "parametric_flat", perception: str = "oracle", cameras: int = 2) -> Iterator[Up]:
-    """Starts ``surveilnav up`` and waits until it is ready; stopped at the end. ``folder``: console, logs and state."""
+def up(
+    folder: Path,
+    building: str = "parametric_flat",
+    perception: str = "oracle",
+    cameras: int = 2,
+    host: str = "127.0.0.1",
+    program: tuple[str, ...] = (sys.executable, "-m", "surveilnav.cli.main"),
+    more: dict[str, str] | None = None,
+) -> Iterator[Up]:
+    """Starts ``surveilnav up`` and waits until it is ready; stopped at the end.
+
+    Args:
+        folder: for its console, logs and state.
+        host: where the router listens.
+        program: what runs the command line. ``more``: variables of its environment.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     port, console = free_port(), folder / "console.txt"
     command = [
-        sys.executable,
-        "-m",
-        "surveilnav.cli.main",
+        *program,
         "up",
         "--building",
         building,
@@ -171,11 +183,11 @@ def up(folder: Path, building: str = "parametric_flat", perception: str = "oracl
         "--port",
         str(port),
         "--router",
-        f"tcp/127.0.0.1:{free_port()}",
+        f"tcp/{host}:{free_port()}",
         "--logs",
         str(folder / "logs"),
     ]
-    environment = os.environ | {"SURVEILNAV_SIM__LIGHTING": "flat", "COLUMNS": "200"}
+    environment = os.environ | {"SURVEILNAV_SIM__LIGHTING": "flat", "COLUMNS": "200"} | (more or {})
     with console.open("wb") as out:
         process = subprocess.Popen(command, stdout=out, stderr=out, stdin=subprocess.DEVNULL, env=environment)
     try:

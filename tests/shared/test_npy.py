@@ -51,3 +51,18 @@ def test_who_asks_for_an_array_without_numpy_is_told_to_install_it(monkeypatch):
     monkeypatch.setitem(sys.modules, "numpy", None)
     with pytest.raises(ConfigError, match="pip install numpy"):
         array_of(b"")
+
+
+@pytest.mark.parametrize(
+    "data", [b"", b"\x93NUMPY\x01\x00\x10\x00{'descr': '<f4',", b"\x93NUMPY", b"nothing of the kind"]
+)
+def test_what_is_no_array_is_refused_by_name(data: bytes) -> None:
+    for read in (array_of, rows_of):
+        with pytest.raises(GatewayError, match=r"expected a \.npy file"):
+            read(data)
+
+
+def test_rows_without_cells_are_refused() -> None:
+    header = b"{'descr': '<f4', 'fortran_order': False, 'shape': (1000000000000, 0)}"
+    with pytest.raises(GatewayError, match=r"expected a \.npy file"):
+        rows_of(b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header)

@@ -11,7 +11,7 @@ from surveilnav.bus import Answer, Node, Refused, Request, clock_ns
 from surveilnav.errors import TargetError
 from surveilnav.messages import CameraInfo, CameraSearch, CameraSearchReport, CameraUse, Room, RoomInView
 from surveilnav.services.fusion.building_maps import BuildingMaps
-from surveilnav.services.fusion.core.views.coverage import room_shares
+from surveilnav.services.fusion.core.views.coverage import is_outline, room_shares
 from surveilnav.services.fusion.core.views.order import ViewFootprint
 from surveilnav.services.fusion.intake.intake import ViewIntake
 from surveilnav.words import validate_word
@@ -28,13 +28,15 @@ class CameraSearchAnswers:
         self._node, self._maps, self._intake = node, maps, intake
 
     def search(self, request: Request) -> Answer:
-        """Looks for something with all cameras of a floor, or of all floors. Refused: bad_target, no_camera."""
+        """Looks for something with all cameras of a floor, or of all floors. Refused: bad_target, bad_room, no_camera."""
         wanted: CameraSearch = request.message
         floor = wanted.floor or None
         try:
             target = validate_word(wanted.target)
         except TargetError as error:
             raise Refused("bad_target", str(error)) from error
+        if bad := next((room for room in wanted.rooms if not is_outline(room.outline_m)), None):
+            raise Refused("bad_room", f"expected at least 3 corners in metres around room {bad.name!r:.80}")
         if not self._on(floor):
             raise Refused(
                 "no_camera", f"no camera has announced itself on {f'floor {floor!r}' if floor else 'any floor'}"

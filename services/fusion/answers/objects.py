@@ -8,6 +8,7 @@ import msgspec
 
 from surveilnav.bus import Answer, Refused, Request, clock_ns
 from surveilnav.messages import ObjectList, ObjectRecord, ViewPicture
+from surveilnav.services.fusion.answers.parameters import number_of
 from surveilnav.services.fusion.answers.reader import MapReader
 from surveilnav.services.fusion.intake.texts import TextEmbedding
 from surveilnav.services.fusion.map_log.log import MapLog
@@ -27,7 +28,7 @@ class ObjectAnswers:
         ``text=...`` adds the relevance of each object to a text. ``detail=brief`` leaves out points and events.
         """
         floor, wanted = request.ids.get("floor"), request.parameters.get("object", "")
-        if wanted and not (wanted.isascii() and wanted.isdigit() and floor is not None):
+        if wanted and (number_of(request, "object") is None or floor is None):
             raise Refused("unknown_object", "ask objects/FLOOR?object=ID, ID a number")
         query = request.parameters.get("text")
         text = None if query is None else self._reader.embedding(query, query)

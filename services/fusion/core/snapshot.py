@@ -49,13 +49,15 @@ def freeze(joint: JointMap) -> dict[str, Any]:
 
 def thaw(frozen: dict[str, Any], config: FusionConfig) -> JointMap:
     """The joint maps that ``freeze`` copied. SnapshotError: as in ``load``."""
+    if not isinstance(frozen, dict):
+        raise SnapshotError("corrupt", f"a snapshot is a table, this is a {type(frozen).__name__}")
     if frozen.get("version") != VERSION:
         raise SnapshotError("other_version", f"expected a snapshot of version {VERSION}, got {frozen.get('version')!r}")
     if frozen.get("sizes") != _sizes(config):
         raise SnapshotError("other_config", f"the maps were made with {frozen.get('sizes')}, set is {_sizes(config)}")
     try:
         return JointMap.from_state(frozen["maps"], config)
-    except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+    except Exception as error:  # of any type: values of the wrong kind get as far as compiled loops
         raise SnapshotError("corrupt", f"the snapshot lacks something: {type(error).__name__}: {error}") from error
 
 

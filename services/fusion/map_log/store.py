@@ -135,7 +135,10 @@ class Store:
                 ).fetchone()
             if row is None:
                 return
-            after, *fields, checksum = row
+            number, *fields, checksum = row
+            if number <= after:  # a damaged index leads back: there would be no end
+                raise StoreError("corrupt", f"{self.path}: after view {after} comes view {number}")
+            after = number
             yield after, _entry(fields, checksum)
 
     def newest(self, source: str, view: int, limit: int) -> list[Entry]:
@@ -318,9 +321,12 @@ class Store:
             ) as error:  # the disk is full, or the file is locked, missing or not writable
                 self.close()
                 raise StoreError("unwritable", f"{self.path}: {error}") from error
-            except sqlite3.DatabaseError as error:
+            except (
+                sqlite3.DatabaseError,
+                UnicodeDecodeError,
+            ) as error:  # Unicode: damaged bytes within SQLite's own message
                 self.close()
-                if type(error) is not sqlite3.DatabaseError:  # an error in this program
+                if type(error) not in (sqlite3.DatabaseError, UnicodeDecodeError):  # an error in this program
                     raise
                 raise StoreError("corrupt", f"{self.path}: {error}") from error
 

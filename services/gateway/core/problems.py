@@ -14,6 +14,7 @@ STATUS_OF = {
     "bad_goal": 422,
     "bad_source": 422,
     "bad_span": 422,
+    "bad_room": 422,
     "unknown_source": 422,
     "unknown_robot": 422,
     "unknown_target": 422,

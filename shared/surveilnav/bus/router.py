@@ -50,7 +50,13 @@ def open_router(listen: str, files: TlsFiles | None = None, access: Path | None 
     rules = _secured(listen, files, access)
     _check_free(host, port)
     try:
-        return zenoh.open(zenoh.Config.from_json5(router_config(listen, files, rules)))
+        config = zenoh.Config.from_json5(router_config(listen, files, rules))
+    except zenoh.ZError as error:
+        raise ConfigError(
+            f"Zenoh can't read the access rules {access}: `surveilnav security rules` makes them anew ({error})"
+        ) from error
+    try:
+        return zenoh.open(config)
     except zenoh.ZError as error:
         raise BusError(f"the router can't listen at {listen}: {error}") from error
 
@@ -79,7 +85,7 @@ def _secured(listen: str, files: TlsFiles | None, access: Path | None) -> dict[s
         rules = json.loads(access.read_text(encoding="utf-8"))
     except OSError as error:
         raise ConfigError(f"the access rules {access} can't be read: {error.strerror}") from None
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise ConfigError(
             f"the access rules {access} aren't JSON ({error}): `surveilnav security rules` makes them anew"
         ) from None

@@ -93,8 +93,12 @@ def load_floor_plan(path: Path) -> FloorPlan:
         raise ConfigError(f"{path}, line {_line(root, error)}: {_sentence(error)}") from None
     except ValueError as error:
         raise ConfigError(f"{path}: {error}") from None
-    picture = path.parent / Path(entry.image).expanduser()
-    grey = _picture(path, picture, line_of(root, ("image",)))
+    line = line_of(root, ("image",))
+    try:
+        picture = path.parent / Path(entry.image).expanduser()
+        grey = _picture(path, picture, line)
+    except (OSError, ValueError, RuntimeError) as error:  # no name of a file, or of a user's folder
+        raise ConfigError(f"{path}, line {line}: image: {error}") from None
     darkness = grey / 255.0 if entry.negate else 1.0 - grey / 255.0
     yaw_rad = entry.origin[2] if len(entry.origin) == 3 else 0.0
     return FloorPlan(

@@ -64,7 +64,7 @@ def load_cameras(path: Path, text: str | None = None) -> CamerasFile:
         if key.value not in _TOP
     ]
     floors = _floors(path, parts.get("floors"))
-    building = plain(parts["building"]) if "building" in parts else ""
+    building = _building(path, parts.get("building"))
     cameras: dict[str, CameraEntry] = {}
     listed = parts.get("cameras")
     if not isinstance(listed, yaml.SequenceNode):
@@ -81,7 +81,14 @@ def load_cameras(path: Path, text: str | None = None) -> CamerasFile:
             cameras[found.name] = found
         else:
             problems.extend(found)
-    return CamerasFile(path, str(building or ""), floors, cameras, tuple(sorted(problems, key=lambda p: p.line)))
+    return CamerasFile(path, building, floors, cameras, tuple(sorted(problems, key=lambda p: p.line)))
+
+
+def _building(path: Path, node: yaml.Node | None) -> str:
+    try:
+        return str((node and plain(node)) or "")
+    except ValueError as error:
+        raise ConfigError(f"{path}: building: {error}") from None
 
 
 def _name(node: yaml.Node) -> str:

@@ -7,6 +7,7 @@ import io
 import struct
 import sys
 from array import array
+from tokenize import TokenError
 from typing import TYPE_CHECKING, Any
 
 from surveilnav.errors import ConfigError, GatewayError
@@ -25,12 +26,16 @@ def array_of(data: bytes) -> NDArray[Any]:
 
     Raises:
         ConfigError: numpy isn't installed.
+        GatewayError: it is no such file.
     """
     try:
         import numpy as np
     except ModuleNotFoundError as error:
         raise ConfigError("arrays need numpy, which isn't installed: pip install numpy") from error
-    found: NDArray[Any] = np.load(io.BytesIO(data), allow_pickle=False)
+    try:
+        found: NDArray[Any] = np.load(io.BytesIO(data), allow_pickle=False)
+    except (ValueError, EOFError, OverflowError, SyntaxError, TokenError, MemoryError) as error:
+        raise GatewayError("no_gateway", f"expected a .npy file, got {len(data)} bytes that are none") from error
     return found
 
 
@@ -48,9 +53,9 @@ def rows_of(data: bytes) -> list[memoryview]:
         rows, cols = header["shape"]
         cells = array(_TYPES[header["descr"]])
         cells.frombytes(data[_HEADER_AT + length :])
-        if not data.startswith(_MAGIC) or header["fortran_order"] or len(cells) != rows * cols:
+        if not data.startswith(_MAGIC) or header["fortran_order"] or len(cells) != rows * cols or rows > len(cells):
             raise ValueError
-    except (struct.error, SyntaxError, ValueError, KeyError, TypeError) as error:
+    except (struct.error, SyntaxError, ValueError, KeyError, TypeError, RecursionError, MemoryError) as error:
         what = "a .npy file with a table of uint8, float32 or float64"
         raise GatewayError("no_gateway", f"expected {what}, got {len(data)} bytes that are none") from error
     if sys.byteorder == "big":

@@ -71,7 +71,7 @@ class ApiKeysFile:
             return [_parse(row) for row in rows[:MAX_KEYS]]
         except OSError as error:
             raise ConfigError(f"the file of API keys {self.path} can't be read: {error.strerror}") from None
-        except (ValueError, KeyError, TypeError):
+        except (ValueError, KeyError, TypeError, RecursionError):
             raise ConfigError(
                 f"expected the keys as `surveilnav security key` writes them in {self.path}; it has something else"
             ) from None

@@ -174,6 +174,8 @@ class SecurityFolder:
         path = self.path / _BUILDING
         try:
             facts = json.loads(path.read_text(encoding="utf-8"))
+            if not re.fullmatch(ID_PATTERN, facts["building"]):
+                raise ValueError
             return {
                 "building": facts["building"],
                 "simulation": facts["simulation"],
@@ -183,7 +185,7 @@ class SecurityFolder:
             raise ConfigError(
                 f"{path} can't be read ({error.strerror}): `surveilnav security init {self.path}` makes it"
             ) from None
-        except (ValueError, KeyError, TypeError):
+        except (ValueError, KeyError, TypeError, RecursionError):
             raise ConfigError(f"expected building, simulation and router_names as JSON in {path}") from None
 
     # --- check ----------------------------------------------------------------------------------------------------
@@ -224,7 +226,7 @@ class SecurityFolder:
         path = self.path / ACCESS
         try:
             written = json.loads(path.read_text(encoding="utf-8"))
-        except (OSError, ValueError):
+        except (OSError, ValueError, RecursionError):
             return [f"{ACCESS}: it can't be read; `surveilnav security rules {self.path}` makes it anew"]
         try:
             if written == self._rules():

@@ -5,6 +5,7 @@ from __future__ import annotations
 from numpy.typing import NDArray
 
 from surveilnav.errors import WireError
+from surveilnav.geometry import Grid
 from surveilnav.messages import FloorMapsHeader, LayerHeader
 from surveilnav.sensing.packing import unpack_array
 
@@ -20,6 +21,7 @@ def unpack_layer(layer: str, header: LayerHeader, payload: bytes) -> NDArray:
     """
     if layer not in GRID_LAYERS or header.layer != layer:
         raise WireError(f"expected the layer {layer!r} of {', '.join(GRID_LAYERS)}, got {header.layer!r}")
+    _check_grid(header.grid)
     expected = GRID_LAYERS[layer]
     if header.dtype != expected or header.shape != header.grid.shape:
         raise WireError(
@@ -34,6 +36,7 @@ def unpack_parts(header: FloorMapsHeader, payload: bytes) -> dict[str, NDArray]:
     Raises:
         WireError: header and payload don't fit each other.
     """
+    _check_grid(header.grid)
     layers: dict[str, NDArray] = {}
     begin = 0
     for part in header.layers:
@@ -45,6 +48,12 @@ def unpack_parts(header: FloorMapsHeader, payload: bytes) -> dict[str, NDArray]:
     if begin != len(payload):
         raise WireError(f"expected {begin} bytes of layers, got {len(payload)}")
     return layers
+
+
+def _check_grid(grid: Grid) -> None:
+    """Raises WireError for cells of a size, or in a place, that no building has: what divides by them would overflow."""
+    if not 0.001 <= grid.resolution_m <= 100.0 or max(abs(grid.origin_x_m), abs(grid.origin_y_m)) > 1e6:
+        raise WireError(f"expected cells from 1 mm to 100 m, within 1,000 km of the origin, got {grid}")
 
 
 def unpack_cloud(header: LayerHeader, payload: bytes) -> NDArray:

@@ -801,6 +801,25 @@ def test_a_camera_that_is_taken_out_and_still_looks_is_asked_for_its_views_again
     until(lambda: scene.revision().cameras[0].views_processed == 2)
 
 
+def test_a_camera_that_leans_is_taken_out_by_itself_once_two_views_say_so(scene, tmp_path):
+    undisturbed = Undisturbed(scene)
+    camera = undisturbed.camera
+    turn, _ = cv2.Rodrigues(np.radians([6.0, 0.0, 0.0]))
+    wrong = [v.T_world_camera.copy() for v in camera.views]
+    for T in wrong:
+        T[:3, :3] = turn @ T[:3, :3]
+    camera.views = [replace(v, T_world_camera=T) for v, T in zip(camera.views, wrong, strict=True)]
+    scene.start(store=str(tmp_path / "fusion.sqlite"))
+    undisturbed.robot_looks(0.0)
+    undisturbed.camera_looks()
+    until(lambda: (r := newest_removal(scene)) and r.state == "done", timeout_s=30)
+    assert newest_removal(scene).source == "camera/c"
+    assert "leans otherwise than stated" in newest_removal(scene).message
+    assert "leans otherwise than stated" in scene.revision().cameras[0].quarantine
+    undisturbed.robot_looks(0.3)
+    assert all_answers(scene) == answers_of(undisturbed.joint)
+
+
 def test_the_mission_of_a_robot_that_is_taken_out_goes_on(scene, tmp_path):
     """Its observations count as processed, though the maps don't hold them any more; what it sees next enters them."""
     undisturbed = Undisturbed(scene)

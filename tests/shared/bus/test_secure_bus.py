@@ -16,7 +16,7 @@ import pytest
 import zenoh
 
 from surveilnav import messages as m
-from surveilnav.bus import Answer, BusSettings, Node, Unanswered
+from surveilnav.bus import Answer, BusSettings, Node, Unanswered, presence
 from surveilnav.bus.connection import encoding_of
 from surveilnav.bus.router import free_port, main, open_router
 from surveilnav.bus.tls import TlsFiles
@@ -362,9 +362,10 @@ def test_times_are_named(router, folder, tmp_path, days, said):
         pass
 
 
-def test_the_router_itself_refuses_what_has_expired(router, folder, tmp_path):
+@pytest.mark.parametrize("days", [-9, 2])
+def test_the_router_itself_refuses_what_has_expired_or_isnt_valid_yet(router, folder, tmp_path, days):
     """Whatever the client thinks of it."""
-    files = reissued(folder, "fusion", tmp_path / "id", datetime.now(UTC) - timedelta(days=9), timedelta(days=1))
+    files = reissued(folder, "fusion", tmp_path / "id", datetime.now(UTC) + timedelta(days=days), timedelta(days=1))
     with pytest.raises(zenoh.ZError):
         zenoh.open(zenoh.Config.from_json5(settings(router, files, 1.0).client_config()))
 
@@ -421,6 +422,15 @@ def test_a_node_with_anothers_identity_says_so(bus):
         pass
 
 
+def test_of_two_nodes_with_one_identity_the_second_is_refused_by_name(bus, monkeypatch):
+    monkeypatch.setattr(presence, "NAME_WAIT_S", 0.5)
+    with Node("camera", "c1", bus("camera-c1")) as first, Node("fusion", "fusion", bus("fusion")) as fusion:
+        until(lambda: fusion.alive("camera") == {"c1"})
+        with pytest.raises(BusError, match="a camera named 'c1' is on the bus already"):
+            Node("camera", "c1", bus("camera-c1")).__enter__()
+        assert (first.routers(), fusion.alive("camera")) == (1, {"c1"}), "harmless to the first"
+
+
 @pytest.mark.parametrize(
     ("more", "said"),
     [
@@ -443,6 +453,9 @@ def test_half_an_identity_is_refused(more, said):
         ("{}", "enabled and deny by default"),
         ('{"enabled": true, "default_permission": "allow"}', "deny by default"),
         (None, "can't be read"),
+        ("[" * 100_000, "aren't JSON"),
+        ('{"enabled": true, "default_permission": "deny", "rules": 5}', "Zenoh can't read the access rules"),
+        ('{"enabled": true, "default_permission": "deny", "nonsense": []}', "Zenoh can't read the access rules"),
     ],
 )
 def test_rules_that_arent_right_are_named(folder, tmp_path, text, said):

@@ -50,3 +50,15 @@ def test_a_layer_that_isnt_on_a_grid_is_no_layer_here():
     cloud = header(layer="cloud", dtype="float32", shape=(4, 6))
     with pytest.raises(WireError, match="cloud"):
         unpack_layer("cloud", cloud, pack_array(np.zeros((4, 6), np.float32)))
+
+
+@pytest.mark.parametrize(
+    "grid", [Grid(0.0, 0.0, 1e-300, 4, 4), Grid(0.0, 0.0, 1e30, 4, 4), Grid(1e308, 0.0, 0.1, 4, 4)]
+)
+def test_a_grid_that_no_building_has_is_refused(grid: Grid) -> None:
+    cells = np.zeros((4, 4), np.uint8)
+    header = LayerHeader(
+        stamp_ns=1, floor="0", layer="explored", revision=1, grid=grid, dtype="uint8", shape=cells.shape
+    )
+    with pytest.raises(WireError, match="expected cells from 1 mm"):
+        unpack_layer("explored", header, pack_array(cells))

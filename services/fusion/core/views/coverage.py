@@ -16,6 +16,14 @@ from surveilnav.services.fusion.core.views.order import KnownFloor, ViewFootprin
 _SPACING_M, _MAX_POINTS = 0.1, 20_000
 #: A camera that sees less than this of a room sees a strip through its door, and not the room.
 _MIN_SHARE = 0.02
+#: Corners lie within this distance from the origin [m].
+_MAX_COORDINATE_M = 10_000.0
+
+
+def is_outline(corners_m: Polygon) -> bool:
+    """Whether corners (x, y) [m, world] can be those of a room."""
+    within = all(abs(x) <= _MAX_COORDINATE_M and abs(y) <= _MAX_COORDINATE_M for x, y in corners_m)  # NaN isn't
+    return within and len(corners_m) >= 3
 
 
 def room_points_m(outline_m: Polygon) -> NDArray[np.float64]:

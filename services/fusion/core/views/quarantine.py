@@ -110,11 +110,11 @@ class Quarantine:
         camera.n_refused += bool(mistake)
         n_wrong = sum(map(bool, camera.mistakes.values()))
         planes_disagree = _why_planes_disagree(camera, view.view, self._config)
-        if mistake and camera.n_refused >= _MIN_PICTURES and n_wrong >= _MIN_SHARE * len(camera.mistakes):
-            # in one view, another height looks like another focal length; that views agree on a height tells them apart
-            camera.why = camera.why or planes_disagree or mistake
-        elif not mistake:
-            camera.why = planes_disagree
+        is_mistaken = (
+            bool(mistake) and camera.n_refused >= _MIN_PICTURES and n_wrong >= _MIN_SHARE * len(camera.mistakes)
+        )
+        # in one view, another height looks like another focal length; that views agree on a floor tells them apart
+        camera.why = camera.why or planes_disagree or (mistake if is_mistaken else "")
         if mistake or camera.why:
             raise ViewError("geometry_disagrees", mistake or camera.why)
 

@@ -58,7 +58,7 @@ def card_of(weights: Path) -> Card | None:
         return msgspec.json.decode(path.read_bytes(), type=Card)
     except FileNotFoundError:
         return None
-    except (OSError, msgspec.DecodeError) as error:
+    except (OSError, ValueError, RecursionError, msgspec.DecodeError) as error:
         raise PerceptionError(f"{path} should be the card of {weights.name}, but can't be read: {error}") from error
 
 

@@ -86,7 +86,7 @@ def read_lock(folder: Path) -> dict[str, LockEntry]:
         return msgspec.json.decode(path.read_bytes(), type=dict[str, LockEntry])
     except FileNotFoundError:
         return {}
-    except (OSError, msgspec.DecodeError) as error:
+    except (OSError, ValueError, RecursionError, msgspec.DecodeError) as error:  # ValueError: bytes that aren't UTF-8
         raise PerceptionError(
             f"{path} should hold the hashes of pulled models, but can't be read ({error}). "
             "Remove it: the next pull trusts what it meets, and writes it anew."

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from surveilnav.geometry import Grid, Pinhole, camera_pose
-from surveilnav.services.fusion.core.views.coverage import room_points_m, room_shares
+from surveilnav.services.fusion.core.views.coverage import is_outline, room_points_m, room_shares
 from surveilnav.services.fusion.core.views.order import KnownFloor, ViewFootprint
 
 LENS = Pinhole.from_hfov(640, 640, math.radians(100.0))
@@ -27,6 +27,14 @@ def floor(obstacle_x_m: float | None = None, explored: bool = True) -> KnownFloo
     if obstacle_x_m is not None:
         occupied[:, int((obstacle_x_m + 3.0) / 0.1)] = 1
     return KnownFloor(grid, occupied, np.full(grid.shape, explored, np.uint8), np.zeros(grid.shape, np.uint8))
+
+
+@pytest.mark.parametrize(
+    "corners_m", [[], [(0.0, 0.0), (1.0, 0.0)], [(0, 0), (1, 0), (math.nan, 1)], [(0, 0), (1, 0), (1e300, 1)]]
+)
+def test_what_is_no_outline(corners_m: list[tuple[float, float]]) -> None:
+    assert not is_outline(corners_m)
+    assert is_outline(ROOM)
 
 
 def test_points_fill_the_outline_evenly() -> None:

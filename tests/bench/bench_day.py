@@ -1,0 +1,194 @@
+"""Whether a day makes fusion slower or larger: 24 simulated hours of views, as fast as they go, on a file.
+
+    python -m tests.bench.bench_day [--hours 24] [--cameras 8]
+
+A robot patrols a storey and looks every 20 s; each camera sends a changed picture every two minutes. Both see the same three
+things, which stand elsewhere every three hours, with noise of their own and with false detections. Views are logged, integrated
+and snapshotted as in the running service. Prints a row per three hours: the time of a view, the process's memory, and what the
+file takes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import math
+import tempfile
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from surveilnav.geometry import Pinhole, Pose, camera_pose
+from surveilnav.messages import FrameHeader, InferReply
+from surveilnav.sensing.packing import decode_frame, encode_rgbd
+from surveilnav.sensing.replies import perception_from_wire, perception_to_wire
+from surveilnav.sensing.views import DetectedObject, ViewPerception
+from surveilnav.services.fusion.building_maps import BuildingMaps
+from surveilnav.services.fusion.config import FusionSettings
+from surveilnav.services.fusion.core import JointMap
+from surveilnav.services.fusion.map_log.log import MapLog
+from surveilnav.services.fusion.perceived import PerceivedView
+from tests.fusion_run import FakeNode
+
+_LENS = Pinhole.from_hfov(160, 120, math.radians(90))
+_RANGE_M = (0.1, 10.0)
+_SIZE_M = np.array([18.0, 12.0, 2.8])
+_ROBOT_S, _CAMERA_S, _MOVED_S = 20.0, 120.0, 3 * 3600.0
+_LABELS = ("couch", "chair", "bed")
+_ROW_H = 3
+
+
+class Storey:
+    """A room of 18 x 12 m with three boxes, which stand elsewhere every three hours."""
+
+    def __init__(self, seed: int) -> None:
+        self._rng = np.random.default_rng(seed)
+        self._embeddings = np.eye(8, 64, dtype=np.float32)
+
+    def view(self, source: str, seq: int, at_s: float, pose: tuple[float, float, float, float, float]) -> PerceivedView:
+        """What a source at (x, y, height [m], yaw, pitch [rad]) sees and finds ``at_s`` seconds after the beginning."""
+        x, y, height_m, yaw, pitch = pose
+        T = camera_pose((x, y, height_m), yaw, pitch)
+        depth_m, shown = self._depth(T, int(at_s // _MOVED_S))
+        depth_m = depth_m * (1 + 0.005 * self._rng.standard_normal(depth_m.shape)).astype(np.float32)
+        rgb = np.repeat((60 * (shown + 2) % 256).astype(np.uint8)[..., None], 3, axis=-1)
+        payload, image, depth = encode_rgbd(rgb, depth_m, depth_range_m=_RANGE_M)
+        header = FrameHeader(
+            stamp_ns=int(1e9 * (1 + at_s)),
+            source=source,
+            view=0,
+            seq=seq,
+            floor="0",
+            camera=_LENS,
+            depth_range_m=_RANGE_M,
+            T_world_camera=Pose.from_matrix(T),
+            mounting_offset_m=height_m,
+            image=image,
+            depth=depth,
+        )
+        detections, embedding = perception_to_wire(ViewPerception("b", self._found(shown), self._embeddings[3]))
+        reply = InferReply(
+            stamp_ns=1,
+            worker="w",
+            backend="b",
+            source=source,
+            view=0,
+            seq=seq,
+            detections=detections,
+            image_embedding=embedding,
+        )
+        digest = seq.to_bytes(8, "big") + source.encode()[-8:].rjust(8)
+        perceived = PerceivedView(
+            (source, 0), header, decode_frame(header, payload), perception_from_wire(reply, _LENS), payload, b"", digest
+        )
+        return replace(perceived, reply=msgspec.msgpack.encode(reply))
+
+    def _boxes(self, period: int) -> list[tuple[np.ndarray, np.ndarray]]:
+        rng = np.random.default_rng(1000 + period)
+        lows = [np.array([x + rng.uniform(0, 2), rng.uniform(1, 9), 0.0]) for x in (2.0, 8.0, 13.0)]
+        return [(low, low + np.array([1.6, 0.9, 0.8])) for low in lows]
+
+    def _depth(self, T: np.ndarray, period: int) -> tuple[np.ndarray, np.ndarray]:
+        rays = _LENS.rays().astype(np.float64) @ T[:3, :3].T
+        origin = T[:3, 3]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            inverse = 1.0 / rays
+            depth = np.nanmin(np.where(rays > 0, (_SIZE_M - origin) * inverse, -origin * inverse), axis=-1)
+            shown = np.full(depth.shape, -1)
+            for k, (low, high) in enumerate(self._boxes(period)):
+                a, b = (low - origin) * inverse, (high - origin) * inverse
+                enter, leave = np.minimum(a, b).max(axis=-1), np.maximum(a, b).min(axis=-1)
+                hit = (enter < leave) & (enter > 0) & (enter < depth)
+                depth, shown = np.where(hit, enter, depth), np.where(hit, k, shown)
+        return depth.astype(np.float32), shown
+
+    def _found(self, shown: np.ndarray) -> tuple[DetectedObject, ...]:
+        found = []
+        for k, label in enumerate(_LABELS):
+            rows, cols = np.nonzero(shown == k)
+            if len(rows) >= 40 and self._rng.random() < 0.8:
+                box = float(cols.min()), float(rows.min()), float(cols.max() + 1), float(rows.max() + 1)
+                found.append(DetectedObject(label, 0.6, box, None, self._embeddings[k]))
+        if self._rng.random() < 0.1:
+            x, y = self._rng.uniform(10, 100, 2).tolist()
+            label = str(self._rng.choice(["tv", "toilet", "chair"]))
+            found.append(DetectedObject(label, 0.35, (x, y * 0.7, x + 40, y * 0.7 + 30), None, self._embeddings[5]))
+        return tuple(found)
+
+
+def views(hours: float, n_cameras: int) -> Iterator[tuple[float, PerceivedView]]:
+    """All views of the time, in order, with their time [s]."""
+    storey, seqs = Storey(0), dict[str, int]()
+    places = [
+        (0.3 + 17.4 * (k % 4) / 3, 0.3 if k < 4 else 11.7, 2.4, math.pi / 2 if k < 4 else -math.pi / 2, -0.5)
+        for k in range(n_cameras)
+    ]
+    events = [(k * _ROBOT_S, "robot/r") for k in range(round(hours * 3600 / _ROBOT_S))]
+    events += [
+        (k * _CAMERA_S + 7.0 * c, f"camera/c{c}")
+        for c in range(n_cameras)
+        for k in range(round(hours * 3600 / _CAMERA_S))
+    ]
+    for at_s, source in sorted(events):
+        seq = seqs[source] = seqs.get(source, 0) + 1
+        if source.startswith("camera/"):
+            yield at_s, storey.view(source, seq, at_s, places[int(source[8:])])
+        else:
+            t = seq * 0.02
+            yield (
+                at_s,
+                storey.view(source, seq, at_s, (9 + 7 * math.cos(t), 6 + 4.5 * math.sin(t), 0.88, 0.7 * seq, -0.2)),
+            )
+
+
+def memory_mib() -> float:
+    gc.collect()
+    with open("/proc/self/status") as f:
+        return next(int(line.split()[1]) for line in f if line.startswith("VmRSS")) / 1024
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--hours", type=float, default=24.0)
+    parser.add_argument("--cameras", type=int, default=8)
+    args = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        settings = FusionSettings(store=f"{folder}/fusion.sqlite")
+        maps = BuildingMaps(settings.core())
+        log = MapLog(FakeNode(), settings, maps)  # type: ignore[arg-type]
+        print(
+            "| until hour | views | a view, median | 99 % | memory | file | objects | voxels | refused |\n"
+            + "|---" * 9
+            + "|"
+        )
+        times_s: list[float] = []
+        n_refused, hour = 0, _ROW_H
+        for at_s, perceived in views(args.hours, args.cameras):
+            if at_s >= 3600 * hour:
+                print(_row(hour, times_s, maps.joint, folder, n_refused), flush=True)
+                hour, times_s, n_refused = hour + _ROW_H, [], 0
+            began_s = time.thread_time()
+            log.integrate([perceived])
+            times_s.append(time.thread_time() - began_s)
+            n_refused += bool(maps.processed.faults.get(perceived.key))
+        print(_row(hour, times_s, maps.joint, folder, n_refused), flush=True)
+        log.close()
+
+
+def _row(hour: int, times_s: list[float], joint: JointMap, folder: str, n_refused: int) -> str:
+    median, p99 = 1000 * np.percentile(times_s, [50, 99])
+    file_mib = sum(f.stat().st_size for f in Path(folder).iterdir()) / 2**20
+    voxels = sum(len(joint.layer(floor, "cloud")[1]) for floor in joint.floors)
+    objects = sum(len(joint.object_ids(floor)) for floor in joint.floors)
+    return (
+        f"| {hour} | {len(times_s)} | {median:.1f} ms | {p99:.1f} ms | {memory_mib():.0f} MiB | {file_mib:.0f} MiB "
+        f"| {objects} | {voxels} | {n_refused} |"
+    )
+
+
+if __name__ == "__main__":
+    main()
