@@ -1,44 +1,57 @@
-# One image for every service; compose.yaml says which one a container runs. The target `gpu` is the same with torch.
+# The images; the compose files say which one a service runs, and docs/operate/compose.md what each is for:
+#   services    what a building needs: router, own cameras, perception, fusion, planner, gateway, recorder
+#   simulation  that, and simulated buildings with their cameras and robot
+#   gpu         that of services, and PyTorch, for a perception worker on a GPU
+# Names and digests of your own, such as a mirror's: --build-arg BASE=registry.example/python@sha256:... It must be a Debian 12
+# with Python 3.11, whose packages requirements/*.txt lock (`make lock`).
+ARG BASE=python:3.11-slim-bookworm
 
-# --- Python packages: they change seldom ---
-FROM python:3.11-slim-bookworm AS packages
-RUN python -m venv /opt/venv
-ENV PATH=/opt/venv/bin:$PATH
+# --- Python packages: they change seldom. Only these stages have pip. ---
+FROM ${BASE} AS packages
 WORKDIR /src
-COPY pyproject.toml constraints.txt README.md ./
-COPY shared/surveilnav/__init__.py shared/surveilnav/
-RUN pip install -q --no-cache-dir -c constraints.txt ".[simulator,mesh]" && pip uninstall -q -y surveilnav
+ENV PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_NO_CACHE_DIR=1 PIP_ROOT_USER_ACTION=ignore
+COPY requirements/services.txt requirements/
+RUN pip install -q --no-deps --require-hashes --target /opt/packages -r requirements/services.txt
 
-# --- the same with torch and its models, gigabytes of them: only for the target gpu ---
+FROM packages AS packages-simulation
+COPY requirements/simulation.txt requirements/
+RUN pip install -q --no-deps --require-hashes --target /opt/packages-simulation -r requirements/simulation.txt
+
 FROM packages AS packages-gpu
-RUN pip install -q --no-cache-dir -c constraints.txt ".[simulator,mesh,perception-torch,mobile-sam]" && pip uninstall -q -y surveilnav
+COPY requirements/gpu.txt requirements/
+RUN pip install -q --no-deps --require-hashes --target /opt/packages-gpu -r requirements/gpu.txt
 
-# --- our own code, and the homes and furniture of Sweet Home 3D ---
+# --- our own code ---
 FROM packages AS code
+COPY requirements/build.txt requirements/
+RUN pip install -q --no-deps --require-hashes --target /opt/build -r requirements/build.txt
+COPY pyproject.toml README.md ./
 COPY shared shared
 COPY simulator simulator
 COPY cli cli
 COPY services services
 COPY benchmark benchmark
-RUN pip install -q --no-cache-dir --no-deps --target /opt/surveilnav .
-# Where Debian's mirrors can't be reached, parametric furniture stands in.
-RUN mkdir -p /var/cache/surveilnav && apt-get update -qq \
- && { PYTHONPATH=/opt/surveilnav SURVEILNAV_CACHE_DIR=/var/cache/surveilnav python -m surveilnav.simulator.furniture.assets \
-      || echo "note: no Sweet Home 3D packages in this image"; }
+RUN PYTHONPATH=/opt/build pip install -q --no-deps --no-build-isolation --target /opt/surveilnav .
 
-# --- what runs, but for the packages ---
-FROM python:3.11-slim-bookworm AS base
+# --- the homes and furniture of Sweet Home 3D; where Debian's mirrors can't be reached, parametric furniture stands in ---
+FROM code AS furniture
+RUN mkdir -p /var/cache/surveilnav && apt-get update -qq \
+ && { PYTHONPATH=/opt/surveilnav:/opt/packages SURVEILNAV_CACHE_DIR=/var/cache/surveilnav \
+      python -m surveilnav.simulator.furniture.assets || echo "note: no Sweet Home 3D packages in this image"; }
+
+# --- what runs ---
+FROM ${BASE} AS services
 LABEL org.opencontainers.image.title="SurveilNav" org.opencontainers.image.licenses="Apache-2.0"
-RUN apt-get update \
- && apt-get install -y --no-install-recommends libusb-1.0-0 libegl1 libgl1 libgomp1 libx11-6 \
- && rm -rf /var/lib/apt/lists/* \
- && useradd --system --uid 10001 --home-dir /tmp --shell /usr/sbin/nologin surveilnav \
- && install -d -o 10001 -g 10001 /var/lib/surveilnav /var/lib/recordings
-COPY --from=code --chown=10001:10001 /var/cache/surveilnav /var/cache/surveilnav
+# A running container installs nothing: pip goes, and what Python would make it anew from.
+RUN useradd --system --uid 10001 --home-dir /tmp --shell /usr/sbin/nologin surveilnav \
+ && install -d -o 10001 -g 10001 /var/cache/surveilnav /var/lib/surveilnav /var/lib/recordings \
+ && find / -xdev \( -path '*/bin/pip*' -o -path '*/ensurepip/_bundled' -o -path '*/share/python-wheels' -o -path '*-packages/pip' -o -path '*-packages/pip-*' \
+      -o -path '*-packages/setuptools*' -o -path '*-packages/wheel*' -o -path '*-packages/pkg_resources' \) -prune -exec rm -r {} +
+COPY --from=packages /opt/packages /opt/packages
 COPY --from=code /opt/surveilnav /opt/surveilnav
 # Everything that a service writes lies in the volumes cache, state and recordings or in /tmp: the rest may be read-only.
-ENV PATH=/opt/surveilnav/bin:/opt/venv/bin:$PATH \
-    PYTHONPATH=/opt/surveilnav \
+ENV PATH=/opt/surveilnav/bin:$PATH \
+    PYTHONPATH=/opt/surveilnav:/opt/packages \
     PYTHONUNBUFFERED=1 \
     HOME=/tmp \
     MPLCONFIGDIR=/tmp/matplotlib \
@@ -48,10 +61,20 @@ WORKDIR /tmp
 USER 10001:10001
 CMD ["surveilnav", "--help"]
 
-# --- a perception worker on a GPU: `docker build --target gpu .` ---
-FROM base AS gpu
-COPY --from=packages-gpu /opt/venv /opt/venv
+FROM services AS simulation
+USER root
+# Open3D loads these.
+RUN apt-get update -qq \
+ && apt-get install -y -qq --no-install-recommends libusb-1.0-0 libegl1 libgl1 libgomp1 libx11-6 \
+ && rm -rf /var/lib/apt/lists/* /var/cache/apt/*
+COPY --from=packages-simulation /opt/packages-simulation /opt/packages-simulation
+COPY --from=furniture --chown=10001:10001 /var/cache/surveilnav /var/cache/surveilnav
+ENV PYTHONPATH=/opt/surveilnav:/opt/packages:/opt/packages-simulation
+USER 10001:10001
 
-# --- everything else ---
-FROM base
-COPY --from=packages /opt/venv /opt/venv
+FROM services AS gpu
+COPY --from=packages-gpu /opt/packages-gpu /opt/packages-gpu
+ENV PYTHONPATH=/opt/surveilnav:/opt/packages:/opt/packages-gpu
+
+# What `docker build .` makes.
+FROM services

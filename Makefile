@@ -7,9 +7,11 @@ TORCH_READY := .venv-torch/.set-up
 ARGS ?=
 # Processes among which `make test` divides the tests.
 TEST_WORKERS ?= 2
+# Images for `make sbom`.
+IMAGES ?= surveilnav surveilnav-simulation
 
 .DEFAULT_GOAL := help
-.PHONY: help setup check test coverage docs-site canary test-page test-torch test-compose test-faults soak fuzz demo dataset bench bench-core bench-models bench-perception bench-bus bench-gateway bench-render bench-calibration bench-chances bench-live bench-same-actions docs clean
+.PHONY: help setup check test coverage docs-site canary test-page test-torch test-compose test-faults soak fuzz lock sbom demo dataset bench bench-core bench-models bench-perception bench-bus bench-gateway bench-render bench-calibration bench-chances bench-live bench-same-actions docs clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-18s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -57,6 +59,12 @@ soak: $(READY) ## every kind of fault five times, 200 bring-ups (hours); resumab
 
 fuzz: $(READY) ## a million inputs for every decoder and file reader (an hour); resumable; ARGS="--inputs 50000 --seed 7"
 	$(BIN)/python -m tests.fuzz.decoders --inputs 1000000 --state runs/fuzz/decoders.json $(ARGS)
+
+lock: $(READY) ## what the images install, with hashes, in requirements/; after changes of pyproject.toml or constraints.txt
+	$(BIN)/python tools/lock.py
+
+sbom: $(READY) ## what the images that Compose has built contain, as CycloneDX, in build/sbom; IMAGES="surveilnav-gpu"
+	$(BIN)/python tools/sbom.py $(IMAGES)
 
 demo: $(READY) ## one search in a simulated home; the report lands in runs/
 	$(BIN)/surveilnav demo $(ARGS)

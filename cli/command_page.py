@@ -40,7 +40,7 @@ SHAPES: dict[str, str] = {
     "cameras draw-tag": "`file`",
     "replay": "with `--check`: `recorded`, `replayed`, `views`, `began_with`, `ended`, `missing`, `same`",
     "status": "`services`, `robots`, `cameras`, `perception`, `missions`, `removals`: items each; "
-    "`wrong_clocks` and `problems` if there are any",
+    "`wrong_clocks`, `other_releases` and `problems` if there are any",
     "watch": "one object for each line: `id`, `event`, `data` (`Event`)",
     "objects": "items: `Object`",
     "map": "`Layer`",

@@ -43,6 +43,8 @@ def everything(asked: Client) -> dict[str, list[Any]]:
     wrong = [n for n in nodes if not n.stale and abs(n.clock_offset_s or 0.0) > MAX_CLOCK_OFFSET_S]
     if wrong:
         found["wrong_clocks"] = wrong
+    if strangers := [n for n in nodes if not n.stale and n.other_release]:
+        found["other_releases"] = strangers
     hindered = [n for n in nodes if not n.stale and n.problems]
     if hindered:
         found["problems"] = hindered
@@ -61,6 +63,7 @@ def show_status(found: dict[str, list[Any]], console: Console) -> None:
         "perception": _workers,
         "missions": show_missions,
         "wrong_clocks": _clocks,
+        "other_releases": _releases,
         "problems": _problems,
         "removals": _removals,
     }
@@ -94,6 +97,15 @@ def _clocks(rows: list[Any], console: Console) -> None:
     columns = (
         Column("process", lambda n: f"{n.kind}/{n.id}", "id"),
         Column("clock", lambda n: clock_words(n.clock_offset_s)),
+    )
+    listing(console, columns, rows)
+
+
+def _releases(rows: list[Any], console: Console) -> None:
+    """Nodes that don't run the gateway's release: they work as long as they speak its contract, and should be replaced."""
+    columns = (
+        Column("process", lambda n: f"{n.kind}/{n.id}", "id"),
+        Column("release", lambda n: n.release or "unknown"),
     )
     listing(console, columns, rows)
 

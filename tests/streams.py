@@ -78,24 +78,24 @@ def free_port() -> int:
 
 
 @contextmanager
-def rtsp_server(folder: Path) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
-    """Serves each video of a folder as ``<address>/<name>.mp4``; yields the address and the server's process."""
+def rtsp_server(folder: Path, host: str = "127.0.0.1") -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
+    """Serves each video of a folder as ``<address>/<name>.mp4`` at ``host``; yields the address and the server's process."""
     port, control = free_port(), free_port()
     script = Path(sysconfig.get_path("scripts")) / "rtsp-server"
     command = [sys.executable, "-c", f"import sys; sys.argv[0]={str(script)!r}; from server_demo import main; main()"]
-    arguments = ["-d", str(folder), "-H", "127.0.0.1", "-p", str(port), "-cp", str(control)]
+    arguments = ["-d", str(folder), "-H", host, "-p", str(port), "-cp", str(control)]
     process = subprocess.Popen([*command, *arguments], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, cwd=folder)
     try:
-        until(lambda: answers(port), "the RTSP server never answered", 20.0)
-        yield f"rtsp://127.0.0.1:{port}", process
+        until(lambda: answers(port, host), "the RTSP server never answered", 20.0)
+        yield f"rtsp://{host}:{port}", process
     finally:
         process.kill()
         process.wait()
 
 
-def answers(port: int) -> bool:
+def answers(port: int, host: str = "127.0.0.1") -> bool:
     try:
-        socket.create_connection(("127.0.0.1", port), 0.5).close()
+        socket.create_connection((host, port), 0.5).close()
     except OSError:
         return False
     return True

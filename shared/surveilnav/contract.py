@@ -18,6 +18,8 @@ ROOT = f"surveilnav/{VERSION}"
 LIVELINESS = "@surveilnav/" + str(VERSION) + "/{building}/{kind}/{id}"
 #: Liveliness token of one process, by which two of one name notice each other. ``zid``: its session.
 INSTANCE = "@surveilnav/" + str(VERSION) + "/{building}/{kind}/{id}/{zid}"
+#: Liveliness token of the router. A node that speaks another contract notices by it that it can't work here.
+ROUTER = "@surveilnav/router/{contract}/{release}"
 
 #: Highest first. A query and its answer have the same priority.
 Priority = Literal["control", "data", "maps", "bulk"]
@@ -578,7 +580,8 @@ def markdown() -> str:
         "",
         "Generated from `shared/surveilnav/contract.py` by `make docs`; don't edit.",
         f"Every key lies below `{ROOT}/`. Liveliness tokens: `{LIVELINESS}`, and `{INSTANCE}` by which two "
-        "processes of one name notice each other.",
+        f"processes of one name notice each other. The router's own: `{ROUTER}`, with its `VERSION` of this contract and its "
+        "release: a node that speaks another contract ends with an error.",
         "",
         "| stream | key | kind | owner | message (request) | rate | stale after | priority | link full | carries |",
         "|---|---|---|---|---|---|---|---|---|---|",

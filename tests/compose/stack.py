@@ -9,7 +9,7 @@ import socket
 import subprocess
 import time
 import uuid
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -17,9 +17,31 @@ from typing import Any
 import httpx
 import pytest
 
+from surveilnav.security.api_keys import ApiKeysFile
+from surveilnav.security.folder import SecurityFolder
+from surveilnav.security.identities import identity_from_name
+from surveilnav.security.roles import Role
+from tests.waiting import until
+
 ROOT = Path(__file__).parents[2]
 UP_S, MISSION_S = 1200, 300
 _FINISHED = ("done", "failed", "cancelled")
+
+
+#: The containers' user.
+_USER = 10001
+
+
+def create_security(folder: Path, names: Sequence[str], *, simulation: bool = False) -> dict[str, str]:
+    """Identities, access rules and a key for each role, which the containers may read; returns the keys by role."""
+    identities = [identity_from_name(name) for name in names]
+    SecurityFolder.create(folder, "building", identities, ("router", "127.0.0.1"), simulation=simulation)
+    file = ApiKeysFile(folder / "gateway" / "api_keys.json")
+    keys = {role.name: file.add(role.name, role) for role in Role}
+    for part in ("identities", "gateway"):
+        for path in (folder / part).rglob("*"):
+            shutil.chown(path, _USER, _USER)
+    return keys
 
 
 def missing() -> str:
@@ -47,18 +69,21 @@ class Stack:
         self._environment |= {"SURVEILNAV_PORT": str(port), "SURVEILNAV_MODELS_DIR": str(models)}
         self.gateway = httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=30.0)
 
+    def _command(self, *arguments: str) -> list[str]:
+        return [
+            "docker",
+            "compose",
+            *self._files,
+            "--project-name",
+            self._project,
+            "--progress",
+            "quiet",
+            *arguments,
+        ]
+
     def compose(self, *arguments: str, timeout_s: float = 60.0) -> str:
         done = subprocess.run(
-            [
-                "docker",
-                "compose",
-                *self._files,
-                "--project-name",
-                self._project,
-                "--progress",
-                "quiet",
-                *arguments,
-            ],
+            self._command(*arguments),
             cwd=ROOT,
             env=self._environment,
             capture_output=True,
@@ -83,6 +108,42 @@ class Stack:
         finally:
             self.compose("down", "--volumes", "--remove-orphans", "--timeout", "5", timeout_s=120)
 
+    def scale(self, **counts: int) -> None:
+        """Has so many containers of each service, and waits until all are healthy."""
+        words = [word for name, n in counts.items() for word in ("--scale", f"{name}={n}")]
+        self.compose("up", "--detach", "--wait", "--no-recreate", *words, timeout_s=UP_S)
+
+    def kill(self, *services: str) -> None:
+        """SIGKILL for the process of each service's first container, as a crash would; Docker starts it again."""
+        for service in services:
+            # the container's init ends with its child, and this command with the container
+            command = ["exec", "-T", service, "sh", "-c", "kill -9 -1"]
+            subprocess.run(self._command(*command), cwd=ROOT, env=self._environment, capture_output=True, timeout=60)
+
+    def restarts(self) -> dict[str, int]:
+        """How often Docker has started the containers of each service again."""
+        counts: dict[str, int] = {}
+        for container in self.containers():
+            command = ["docker", "inspect", "--format", "{{.RestartCount}}", container["ID"]]
+            n = int(subprocess.run(command, capture_output=True, text=True, timeout=60, check=True).stdout)
+            counts[container["Service"]] = counts.get(container["Service"], 0) + n
+        return counts
+
+    def search(self, target: str, killed: Sequence[str] = ()) -> dict[str, Any]:
+        """Searches for ``target`` until the end. Once the robot moves, the services in ``killed`` are killed."""
+        answer = self.gateway.post("/api/v1/missions", json={"target": target, "max_steps": 200})
+        assert answer.status_code == 202, answer.text
+        mission = answer.json()["id"]
+        if killed:
+            until(lambda: self.get(f"/api/v1/missions/{mission}")["step"] > 0, "the robot never moved", MISSION_S)
+            before = self.restarts()
+            self.kill(*killed)
+            ended = self.wait_for_end(mission)
+            after = self.restarts()
+            assert [s for s in after if after[s] > before[s]] == sorted(killed, key=list(after).index), self.state()
+            return ended
+        return self.wait_for_end(mission)
+
     def containers(self) -> list[dict[str, Any]]:
         return [json.loads(line) for line in self.compose("ps", "--all", "--format", "json").splitlines()]
 
@@ -97,7 +158,10 @@ class Stack:
     def wait_for_end(self, mission: str) -> dict[str, Any]:
         deadline_s = time.monotonic() + MISSION_S
         while time.monotonic() < deadline_s:
-            found: dict[str, Any] = self.get(f"/api/v1/missions/{mission}")
+            try:
+                found: dict[str, Any] = self.get(f"/api/v1/missions/{mission}")
+            except httpx.HTTPError:  # what answers may be killed just now
+                found = {"state": "unknown"}
             if found["state"] in _FINISHED:
                 return found
             time.sleep(0.5)

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import os
-import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from surveilnav.security.api_keys import ApiKeysFile
-from surveilnav.security.folder import SecurityFolder
-from surveilnav.security.identities import identity_from_name
-from surveilnav.security.roles import Role
-from tests.compose.stack import MISSION_S, UP_S, Stack, missing
+from tests.compose.stack import MISSION_S, UP_S, Stack, create_security, missing
+from tests.waiting import until
 
-_USER = 10001
+#: Places for cameras; at first two of them are taken.
+_CAMERAS = 8
 _NAMES = ("router", "fusion", "planner", "gateway", "recorder", "perception", "supervisor", "cameras", "robot-r1")
 #: Run in a container: tries to reach the router, and prints what came of it.
 _KNOCK = """
@@ -42,19 +40,13 @@ def stack(tmp_path_factory: pytest.TempPathFactory, keys: dict[str, str]) -> Ite
     if os.geteuid() != 0:
         pytest.skip("secrets are given to the containers' user, which needs root")
     folder = Path(keys["folder"])
-    identities = [identity_from_name(name) for name in _NAMES]
-    SecurityFolder.create(folder, "building", identities, ("router", "127.0.0.1"), simulation=True)
-    file = ApiKeysFile(folder / "gateway" / "api_keys.json")
-    keys |= {role.name: file.add(role.name, role) for role in Role}
-    for part in ("identities", "gateway"):
-        for path in (folder / part).rglob("*"):
-            shutil.chown(path, _USER, _USER)
+    keys |= create_security(folder, _NAMES, simulation=True)
     stack = Stack(
         tmp_path_factory.mktemp("models"),
         "compose.yaml",
         "compose.secure.yaml",
         SURVEILNAV_SIM__BUILDING="parametric_flat",
-        SURVEILNAV_SIM__CAMERAS="2",
+        SURVEILNAV_SIM__CAMERAS=str(_CAMERAS),
         SURVEILNAV_PERCEPTION__BACKEND="oracle",
         SURVEILNAV_SECURITY_DIR=str(folder),
     )
@@ -75,6 +67,17 @@ def test_a_mission_needs_a_key_and_is_found(stack: Stack, keys: dict[str, str]) 
     cameras = stack.get("/api/v1/cameras")["items"]
     assert len(cameras) == 2
     assert stack.gateway.get(f"/api/v1/cameras/{cameras[0]['id']}/views/0.jpg").status_code == 200
+
+
+def test_a_search_of_eight_cameras_and_two_workers_is_found_though_containers_are_killed(
+    stack: Stack, keys: dict[str, str]
+) -> None:
+    stack.gateway.headers["Authorization"] = f"Bearer {keys['operator']}"
+    stack.scale(camera=_CAMERAS, perception=2)
+    until(lambda: len(stack.get("/api/v1/cameras")["items"]) == _CAMERAS, stack.state, 60.0)
+    assert [w["ready"] for w in stack.get("/api/v1/perception")["items"]] == [True, True]
+    mission = stack.search("toilet", killed=("camera", "perception", "fusion", "planner"))
+    assert (mission["state"], mission["found"]) == ("done", True), f"{mission}\n{stack.state()}"
 
 
 @pytest.mark.parametrize("endpoint", ["tcp/router:7447", "tls/router:7447"])

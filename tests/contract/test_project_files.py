@@ -37,6 +37,49 @@ def test_every_dependency_is_pinned():
     assert {name for name in names if re.sub(r"[-_.]+", "-", name).lower() not in canonical} == set()
 
 
+_LOCKS = {path.stem: path.read_text(encoding="utf-8") for path in (ROOT / "requirements").glob("*.txt")}
+
+
+def _canonical(name: str) -> str:
+    return re.sub(r"[-_.]+", "-", name).lower()
+
+
+def _locked(lock: str) -> dict[str, str]:
+    """Versions by name."""
+    return {_canonical(name): version for name, version in re.findall(r"^([\w.-]+)==(\S+)", lock, re.MULTILINE)}
+
+
+@pytest.mark.parametrize("image", sorted(_LOCKS))
+def test_what_an_image_installs_has_the_versions_of_the_constraints_and_hashes(image):
+    """`make lock` was run after the last change of constraints.txt."""
+    rows = [line for line in (ROOT / "constraints.txt").read_text().splitlines() if "==" in line]
+    pinned = {_canonical(name): version for name, _, version in (row.partition("==") for row in rows)}
+    locked = _locked(_LOCKS[image])
+    assert locked == {name: pinned.get(name) for name in locked}
+    entries = re.findall(r"^[\w.-]+==.*(?:(?<=\\)\n.*)*", _LOCKS[image], re.MULTILINE)
+    assert len(entries) == len(locked)
+    assert all(re.search(r"--hash=sha256:[0-9a-f]{64}", entry) for entry in entries)
+    others = [line for line in _LOCKS[image].splitlines() if not re.match(r"[\w.-]+==|    --hash=sha256:|#", line)]
+    assert others == [], "such as the address of an index"
+
+
+def test_every_image_installs_what_its_extras_name():
+    """`make lock` was run after the last change of pyproject.toml."""
+    assert set(_LOCKS) == {"build", "services", "simulation", "gpu"}
+    services = _locked(_LOCKS["services"])
+    extras = PROJECT["optional-dependencies"]
+    for image, named in {
+        "services": ["services"],
+        "simulation": ["services", "simulator", "mesh"],
+        "gpu": ["services", "perception-torch", "mobile-sam"],
+    }.items():
+        wanted = PROJECT["dependencies"] + [row for extra in named for row in extras[extra]]
+        names = {_canonical(re.split(r"[<>=~!\[]", row)[0]) for row in wanted} - {"surveilnav"}
+        own = _locked(_LOCKS[image])
+        assert names <= services.keys() | own.keys()
+        assert image == "services" or not services.keys() & own.keys(), "what an image adds to another's packages"
+
+
 def test_hooks_run_the_tools_of_the_environment():
     """So that ruff has one version, said in constraints.txt."""
     config = yaml.safe_load((ROOT / ".pre-commit-config.yaml").read_text(encoding="utf-8"))

@@ -12,6 +12,7 @@ from collections.abc import Iterable, Mapping
 from functools import lru_cache
 from typing import NamedTuple
 
+import surveilnav
 from surveilnav import contract
 from surveilnav.messages import TrafficReport
 from surveilnav.rest import NodeTraffic, SourceTraffic, Traffic
@@ -68,6 +69,8 @@ def _node(report: TrafficReport, received: ReportAge) -> NodeTraffic:
         simulation_bytes=sum(r.n_bytes for r in report.rows) - sum(r.n_bytes for r in real),
         clock_offset_s=(report.stamp_ns - received.seen_ns) / 1e9 if received.seen_ns else None,
         rejected=report.rejected,
+        release=report.release,
+        other_release=report.release != surveilnav.__version__,
         problems=report.problems,
         last_seen=utc(received.seen_ns),
         stale=received.stale,

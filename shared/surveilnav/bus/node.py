@@ -20,6 +20,7 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Any
 
+import surveilnav
 from surveilnav.bus.connection import Connection, Received
 from surveilnav.bus.presence import Presence
 from surveilnav.bus.publishing import LatestMessage, Publisher, Subscription, Table
@@ -142,6 +143,7 @@ class Node:
             kind=self.kind,
             rows=self.traffic.rows(),
             rejected=self.traffic.rejected(),
+            release=surveilnav.__version__,
             problems=self._problems,
             wire_sent_bytes=wire and wire[0],
             wire_received_bytes=wire and wire[1],

@@ -3,6 +3,9 @@
 A name belongs to one process. One that finds its name taken waits until it is free: the token of a killed process goes with
 its connection, and after a power cut with the router's lease. If it stays taken, the process ends with an error. Two that start
 at the same moment find each other; the one whose session id is smaller stays.
+
+A node works only with a router that speaks its contract. One of another release ends with an error, also when the router was
+replaced under it. A router of Zenoh's own, zenohd, doesn't say which contract is spoken.
 """
 
 from __future__ import annotations
@@ -13,8 +16,9 @@ from typing import Any
 
 import zenoh
 
+import surveilnav
 from surveilnav.bus.connection import Connection
-from surveilnav.contract import INSTANCE, LIVELINESS
+from surveilnav.contract import INSTANCE, LIVELINESS, ROUTER, VERSION
 from surveilnav.errors import BusError
 
 #: So long a node waits for its name. The router drops a session that it hears nothing of after 10 s.
@@ -33,8 +37,9 @@ class Presence:
         """Announces a node until the connection closes.
 
         Raises:
-            BusError: another process has this name.
+            BusError: another process has this name, or the router speaks another contract.
         """
+        self._check_contract(kind)
         session = self._connection.session
         own, name = str(session.info.zid()), {"building": self._connection.building, "kind": kind, "id": id}
         taken = (
@@ -59,6 +64,30 @@ class Presence:
             raise BusError(refusal)
         token = LIVELINESS.format(building=self._connection.building, kind=kind, id=id)
         self._connection.keep(self._connection.session.liveliness().declare_token(token))
+
+    def _check_contract(self, kind: str) -> None:
+        """Raises BusError if the router speaks another contract; ends the process if one comes that does."""
+        liveliness, pattern = self._connection.session.liveliness(), ROUTER.format(contract="*", release="*")
+
+        def refusal_by(sample: Any) -> str:
+            """Why this node can't work with a router; empty if it can."""
+            contract, release = str(sample.key_expr).rsplit("/", 2)[1:]
+            if contract == str(VERSION):
+                return ""
+            return (
+                f"the router at {self._connection.settings.router} is of release {release} and speaks contract {contract}, "
+                f"but this {kind} is of release {surveilnav.__version__} and speaks contract {VERSION}: run one release"
+            )
+
+        def check_newcomer(sample: Any) -> None:
+            if sample.kind == zenoh.SampleKind.PUT and (refusal := refusal_by(sample)):
+                self._connection.log.error(f"{refusal}. This one ends")
+                self._connection.stop()
+
+        for reply in liveliness.get(pattern, timeout=1.0):
+            if reply.ok is not None and (refusal := refusal_by(reply.ok)):
+                raise BusError(refusal)
+        self._connection.keep(liveliness.declare_subscriber(pattern, check_newcomer, history=True))
 
     def _instances(self, name: dict[str, str]) -> set[str]:
         """The session ids of the processes that have a name now."""

@@ -21,10 +21,12 @@ from pathlib import Path
 import zenoh
 from pydantic import ValidationError
 
+import surveilnav
 from surveilnav.bus import logs
 from surveilnav.bus.main import end_with_stdin
 from surveilnav.bus.settings import DEFAULT_PORT, BusSettings, host_and_port, is_encrypted, router_config
 from surveilnav.bus.tls import TlsFiles
+from surveilnav.contract import ROUTER, VERSION
 from surveilnav.errors import BusError, ConfigError, SurveilNavError, explain_settings_error
 
 #: Closing the link of a reader that doesn't read occupies a thread of Zenoh. By default there are one to send and two to
@@ -57,6 +59,11 @@ def open_router(listen: str, files: TlsFiles | None = None, access: Path | None 
         return zenoh.open(config)
     except zenoh.ZError as error:
         raise BusError(f"the router can't listen at {listen}: {error}") from error
+
+
+def announce_release(session: zenoh.Session) -> zenoh.LivelinessToken:
+    """Tells nodes which contract is spoken here, as long as the token is kept."""
+    return session.liveliness().declare_token(ROUTER.format(contract=VERSION, release=surveilnav.__version__))
 
 
 def _secured(listen: str, files: TlsFiles | None, access: Path | None) -> dict[str, object] | None:
@@ -143,6 +150,7 @@ def main(argv: list[str] | None = None) -> int:
         print(f"router: {error}", file=sys.stderr)
         return 1
     with session:
+        _token = announce_release(session)
         print(f"router: listening at {arguments.config or arguments.listen}", file=sys.stderr, flush=True)
         stopping.wait()
     return 0

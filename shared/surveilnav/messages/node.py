@@ -71,6 +71,7 @@ class TrafficReport(Message, frozen=True, kw_only=True):
         rows: bytes offered and delivered, by key.
         wire_sent_bytes, wire_received_bytes: the kernel's count on the node's sockets; None: unknown.
         rejected: how often received data was dropped, by reason.
+        release: the version of SurveilNav that the node runs; empty: it is so old that it doesn't say.
         problems: what the node can't do now, and why, for people: {"store": "the disk is full"}.
     """
 
@@ -80,4 +81,5 @@ class TrafficReport(Message, frozen=True, kw_only=True):
     wire_sent_bytes: int | None = None
     wire_received_bytes: int | None = None
     rejected: dict[str, int] = {}
+    release: str = ""
     problems: dict[str, str] = {}

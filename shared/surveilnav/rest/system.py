@@ -46,6 +46,8 @@ class NodeTraffic(Resource):
         "times of pictures whose clock is ahead by more than a second",
     )
     rejected: dict[str, int] = Field(description="what it dropped because it couldn't be read, by reason")
+    release: str = Field(default="", description="the version of SurveilNav that it runs; empty: it doesn't say")
+    other_release: bool = Field(default=False, description="whether that isn't the gateway's own")
     problems: dict[str, str] = Field(
         default={}, description="what it can't do now, and why: `store`: it can't be written; empty if all is well"
     )

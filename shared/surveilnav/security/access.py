@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from surveilnav import contract
-from surveilnav.contract import INSTANCE, LIVELINESS, ROOT, SIMULATION, STREAMS, Stream
+from surveilnav.contract import INSTANCE, LIVELINESS, ROOT, ROUTER, SIMULATION, STREAMS, Stream
 from surveilnav.security.identities import Identity, Kind
 
 #: Zenoh's names of the messages that rules are about.
@@ -155,9 +155,10 @@ def _presence_rules(identity: Identity, building: str) -> list[Rule]:
         own = LIVELINESS.format(building=building, kind=kind, id=identity.id or "*")
         instances = INSTANCE.format(building=building, kind=kind, id=identity.id or "*", zid="*")
         rules.append(_rule("ingress", ("liveliness_token",), [own, instances]))
-        # It looks whether its name is taken.
-        rules.append(_rule("ingress", ("liveliness_query", "declare_liveliness_subscriber"), [instances]))
-        rules.append(_rule("egress", ("liveliness_token",), [instances]))
+        # It looks whether its name is taken, and which contract the router speaks.
+        looks_at = [instances, ROUTER.format(contract="*", release="*")]
+        rules.append(_rule("ingress", ("liveliness_query", "declare_liveliness_subscriber"), looks_at))
+        rules.append(_rule("egress", ("liveliness_token",), looks_at))
     if identity.kind in _SEE_PRESENCE:
         rules.append(_rule("ingress", ("liveliness_query", "declare_liveliness_subscriber"), [everybody]))
         rules.append(_rule("egress", ("liveliness_token",), [everybody]))

@@ -8,7 +8,7 @@ from itertools import product
 import pytest
 import zenoh
 
-from surveilnav.contract import INSTANCE, JUDGED, LIVELINESS, SIMULATION, STREAMS, Stream
+from surveilnav.contract import INSTANCE, JUDGED, LIVELINESS, ROUTER, SIMULATION, STREAMS, VERSION, Stream
 from surveilnav.errors import ConfigError
 from surveilnav.security.access import OWNERS, READERS, Rule, access_control, may_own, may_read, own_key, rules_of
 from surveilnav.security.identities import KINDS, NAMED, Identity, identity_from_name
@@ -228,3 +228,7 @@ def test_who_announces_itself_may_look_whether_its_name_is_taken_and_no_others()
         ):
             assert allows(rules, flow, message, own) == announces, (identity.name, flow, message)
             assert not allows(rules, flow, message, other), (identity.name, flow, message)
+        router = ROUTER.format(contract=VERSION + 1, release="9.0.0")
+        assert allows(rules, "ingress", "liveliness_query", router) == announces
+        assert allows(rules, "egress", "liveliness_token", router) == announces
+        assert not allows(rules, "ingress", "liveliness_token", router), "only the router says which contract is spoken"

@@ -7,6 +7,7 @@ import re
 from pathlib import Path
 
 import pytest
+import yaml
 from prometheus_client import generate_latest
 
 from surveilnav.rest import Traffic
@@ -60,3 +61,29 @@ def test_every_metric_that_is_named_exists(expression):
     assert all(re.search(rf"(rate|increase)\({n}(_bucket)?\[", expression) for n in counted), (
         "a counter is shown by its rate"
     )
+
+
+def test_prometheus_is_given_the_alerts_of_the_documentation():
+    rules = yaml.safe_load((ROOT / "docs/operate/prometheus/alerts.yml").read_text(encoding="utf-8"))
+    assert [rule["expr"] for rule in rules["groups"][0]["rules"]] == ALERTS
+
+
+def test_with_keys_prometheus_is_given_one_and_nothing_else_is_different():
+    plain, secure = (
+        yaml.safe_load((ROOT / f"docs/operate/prometheus/{name}.yml").read_text(encoding="utf-8"))
+        for name in ("prometheus", "prometheus.secure")
+    )
+    assert secure["scrape_configs"][0].pop("authorization") == {"credentials_file": "/run/secrets/metrics.key"}
+    assert secure == plain
+
+
+def test_grafana_finds_prometheus_and_the_dashboard():
+    services = yaml.safe_load((ROOT / "compose.yaml").read_text(encoding="utf-8"))["services"]
+    folder = ROOT / "docs/operate/grafana/provisioning"
+    sources = yaml.safe_load((folder / "datasources/prometheus.yml").read_text(encoding="utf-8"))["datasources"]
+    assert [(s["type"], s["url"], s["isDefault"]) for s in sources] == [("prometheus", "http://prometheus:9090", True)]
+    assert DASHBOARD["templating"]["list"][0]["query"] == "prometheus"
+    providers = yaml.safe_load((folder / "dashboards/surveilnav.yml").read_text(encoding="utf-8"))["providers"]
+    mounts = [volume.split(":")[:2] for volume in services["grafana"]["volumes"]]
+    assert ["./docs/operate/grafana/surveilnav.json", f"{providers[0]['options']['path']}/surveilnav.json"] in mounts
+    assert ["./docs/operate/grafana/provisioning", "/etc/grafana/provisioning"] in mounts

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from surveilnav import contract
+from surveilnav import __version__, contract
 from surveilnav.messages import TrafficReport, TrafficRow
 from surveilnav.services.gateway.core.traffic import ReportAge, sum_traffic
 
@@ -17,7 +17,12 @@ TRUTH = contract.TRUTH.key_for(building="b", source="c1", view=3)
 
 
 def report(
-    kind: str, node: str, *rows: tuple[str, str, int, int], wire: int | None = None, stamp_ns: int = 1
+    kind: str,
+    node: str,
+    *rows: tuple[str, str, int, int],
+    wire: int | None = None,
+    stamp_ns: int = 1,
+    release: str = "",
 ) -> TrafficReport:
     return TrafficReport(
         stamp_ns=stamp_ns,
@@ -26,6 +31,7 @@ def report(
         rows=[TrafficRow(*row) for row in rows],
         wire_sent_bytes=wire,  # type: ignore[arg-type]
         wire_received_bytes=None,
+        release=release,
     )
 
 
@@ -107,3 +113,13 @@ def test_a_clock_is_compared_with_the_gateways():
     nodes = {n.id: n for n in sum_traffic(reports, received).nodes}
     assert nodes["c1"].clock_offset_s == pytest.approx(3600.0, abs=1e-3)
     assert nodes["r1"].clock_offset_s is None, "nobody knows when its report came"
+
+
+def test_a_node_of_another_release_than_the_gateway_s_is_named():
+    reports = [
+        report("camera", "c1", release="0.0.9"),
+        report("camera", "old"),
+        report("robot", "r1", release=__version__),
+    ]
+    nodes = {n.id: (n.release, n.other_release) for n in sum_traffic(reports).nodes}
+    assert nodes == {"c1": ("0.0.9", True), "old": ("", True), "r1": (__version__, False)}
