@@ -62,9 +62,14 @@ def test_stores_that_were_saved_in_mid_mission_come_back(system, tmp_path):
     s.wait(lambda m: m.step > step, 60, mission)
     pause(s, mission, paused=True)
     s.wait(lambda m: m.state == "paused", 30, mission)
-    saved, held = s.status(mission), settled_maps_of(s)
-    backup(standing, state=state, looks=looks)
-    assert maps_of(s) == held
+    saved = s.status(mission)
+
+    def saved_while_nothing_came() -> tuple[int, str] | None:
+        held = settled_maps_of(s)
+        backup(standing, state=state, looks=looks, force=True)
+        return held if maps_of(s) == held else None  # else a view of the camera was still on its way
+
+    held = until(saved_while_nothing_came, timeout_s=120)
     with pytest.raises(ConfigError, match="a service is using"):
         restore(standing, state=state, looks=looks, force=True)
     pause(s, mission, paused=False)

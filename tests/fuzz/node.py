@@ -149,6 +149,9 @@ class FedNode:
     def routers(self) -> int:
         return 1
 
+    def report_problem(self, what: str, why: str) -> None:
+        pass
+
     def reject(self, where: str, why: str) -> None:
         self.rejected[where] += 1
 
