@@ -6,6 +6,7 @@ import math
 from random import Random
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import patch
 
 import msgspec
 import numpy as np
@@ -305,7 +306,6 @@ class Searches(Target):
     documented = (Refused,)
 
     def __init__(self) -> None:
-        removals._ANSWER_S = 0.0  # the turn of the loop that answers comes only afterwards
         self._fusion = Fusion()
         fill(self._fusion)
 
@@ -322,7 +322,8 @@ class Searches(Target):
         return stream.name, made
 
     def process(self, data: Any, values: Values) -> None:
-        self._fusion.node.query(data[0], data[1], b"", {}, fusion="f1")
+        with patch.object(removals, "_ANSWER_S", 0.0):  # the turn of the loop that answers comes only afterwards
+            self._fusion.node.query(data[0], data[1], b"", {}, fusion="f1")
         self._fusion.service.step()
 
 

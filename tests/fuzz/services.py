@@ -8,6 +8,7 @@ import tempfile
 from pathlib import Path
 from random import Random
 from typing import Any
+from unittest.mock import patch
 
 import msgspec
 import numpy as np
@@ -221,7 +222,6 @@ class PlannerMissions(Target):
     def __init__(self) -> None:
         self._node = FedNode()
         self._node.present["perception"] = {"w1"}
-        planner_service._CANCEL_WAIT_S = planner_service._PAUSE_WAIT_S = 0.0  # missions without a robot never begin
         self._service = PlannerService(self._node, PlannerSettings(max_queued=20, finished_missions_kept=20))  # type: ignore[arg-type]
         self._summaries = Summaries(self._node)  # type: ignore[arg-type]
 
@@ -244,7 +244,9 @@ class PlannerMissions(Target):
             self._node.deliver(stream, made, **ids)
         else:
             self._node.answer = lambda asked, _: received_of(asked, answers[asked.name], worker="w1")
-            self._node.query(name, made, b"", {}, **ids)
+            # missions without a robot never begin
+            with patch.multiple(planner_service, _CANCEL_WAIT_S=0.0, _PAUSE_WAIT_S=0.0):
+                self._node.query(name, made, b"", {}, **ids)
         self._summaries.by_floor()
         self._summaries.fresh_bytes()
         self._service.step()
