@@ -13,14 +13,16 @@ const fixed = (value, digits) => value.toFixed(digits).replace(/^-(0(\.0*)?)$/, 
 /** A coloured number, as on the marker. Styles in attributes are refused by the page's policy, so the colour is set here. */
 const PointNumber = ({ index }) => html`<b class="number" ref=${e => { if (e) e.style.background = colourOf(index); }}>${index + 1}</b>`;
 
-/** A field for a height in metres; what isn't one is ignored. */
+/** A field for a height in metres; what isn't one is ignored. An answer that arrives meanwhile doesn't replace what is being typed. */
 function Height({ value, label, set, id }) {
+  const [typed, setTyped] = useState(null);
   const take = e => {
     const z_m = Number(e.target.value);
     if (e.target.value.trim() && z_m >= -20 && z_m <= 50) set(z_m); else e.target.value = String(value);
+    setTyped(null);
   };
-  return html`<input type="number" class="height" id=${id} step="0.01" min="-20" max="50" value=${value} aria-label=${label} onChange=${take}
-    onClick=${e => e.stopPropagation()} />`;
+  return html`<input type="number" class="height" id=${id} step="0.01" min="-20" max="50" value=${typed ?? value} aria-label=${label}
+    onInput=${e => setTyped(e.target.value)} onChange=${take} onClick=${e => e.stopPropagation()} />`;
 }
 
 export function Points() {
