@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from dataclasses import replace
 
 import msgspec
 import structlog
@@ -11,7 +12,7 @@ from surveilnav.geometry import Pose
 from surveilnav.messages import FrameHeader, InferReply
 from surveilnav.sensing.packing import decode_frame, encode_rgbd
 from surveilnav.sensing.replies import perception_from_wire, perception_to_wire
-from surveilnav.sensing.views import DetectedObject
+from surveilnav.sensing.views import DetectedObject, PosedView, ViewPerception
 from surveilnav.services.fusion.building_maps import BuildingMaps
 from surveilnav.services.fusion.config import FusionSettings
 from surveilnav.services.fusion.map_log.log import MapLog
@@ -40,6 +41,44 @@ class FakeNode:
         self.said.append(event)
 
 
+def perceived_view(view: PosedView, seen: ViewPerception, digest: bytes) -> PerceivedView:
+    """A view of floor "0" and what perception saw in it, as they come over the bus."""
+    payload, image, depth = encode_rgbd(view.rgb, view.depth_m, depth_range_m=RANGE_M)
+    header = FrameHeader(
+        stamp_ns=view.stamp_ns,
+        source=view.source,
+        view=0,
+        seq=view.seq,
+        floor="0",
+        camera=view.camera,
+        depth_range_m=RANGE_M,
+        T_world_camera=Pose.from_matrix(view.T_world_camera),
+        mounting_offset_m=view.mounting_offset_m,
+        image=image,
+        depth=depth,
+    )
+    detections, embedding = perception_to_wire(seen)
+    reply = InferReply(
+        stamp_ns=1,
+        worker="w",
+        backend="b",
+        source=view.source,
+        view=0,
+        seq=view.seq,
+        detections=detections,
+        image_embedding=embedding,
+    )
+    return PerceivedView(
+        (view.source, 0),
+        header,
+        decode_frame(header, payload),
+        perception_from_wire(reply, view.camera),
+        payload,
+        msgspec.msgpack.encode(reply),
+        digest,
+    )
+
+
 class Run:
     """Fusion's maps on a file, started as often as wanted."""
 
@@ -60,41 +99,9 @@ class Run:
     def view(self, seq: int, source: str = "robot/r", x: float = 1.0) -> PerceivedView:
         kind = {"height": 1.8} if source.startswith("camera/") else {}
         v = self.world.view(x + 0.1 * (seq % 20), 2, 0.05 * seq, -0.2, source=source, seq=seq, **kind)
-        payload, image, depth = encode_rgbd(v.rgb, v.depth_m, depth_range_m=RANGE_M)
-        header = FrameHeader(
-            stamp_ns=10**9 * seq,
-            source=source,
-            view=0,
-            seq=seq,
-            floor="0",
-            camera=v.camera,
-            depth_range_m=RANGE_M,
-            T_world_camera=Pose.from_matrix(v.T_world_camera),
-            mounting_offset_m=v.mounting_offset_m,
-            image=image,
-            depth=depth,
-        )
         chair = DetectedObject("couch", 0.6, (20.0, 40.0, 120.0, 110.0), None, self.tools.unit(seq % 3))
-        detections, embedding = perception_to_wire(self.tools.seen(chair, image=self.tools.unit(seq % 4)))
-        reply = InferReply(
-            stamp_ns=1,
-            worker="w",
-            backend="b",
-            source=source,
-            view=0,
-            seq=seq,
-            detections=detections,
-            image_embedding=embedding,
-        )
-        return PerceivedView(
-            (source, 0),
-            header,
-            decode_frame(header, payload),
-            perception_from_wire(reply, v.camera),
-            payload,
-            msgspec.msgpack.encode(reply),
-            bytes([seq % 256]) * 16,
-        )
+        seen = self.tools.seen(chair, image=self.tools.unit(seq % 4))
+        return perceived_view(replace(v, stamp_ns=10**9 * seq), seen, bytes([seq % 256]) * 16)
 
     def take(self, *seqs: int) -> None:
         for seq in seqs:

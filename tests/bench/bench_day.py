@@ -16,26 +16,20 @@ import math
 import tempfile
 import time
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 
-import msgspec
 import numpy as np
 
-from surveilnav.geometry import Pinhole, Pose, camera_pose
-from surveilnav.messages import FrameHeader, InferReply
-from surveilnav.sensing.packing import decode_frame, encode_rgbd
-from surveilnav.sensing.replies import perception_from_wire, perception_to_wire
-from surveilnav.sensing.views import DetectedObject, ViewPerception
+from surveilnav.geometry import Pinhole, camera_pose
+from surveilnav.sensing.views import DetectedObject, PosedView, ViewPerception
 from surveilnav.services.fusion.building_maps import BuildingMaps
 from surveilnav.services.fusion.config import FusionSettings
 from surveilnav.services.fusion.core import JointMap
 from surveilnav.services.fusion.map_log.log import MapLog
 from surveilnav.services.fusion.perceived import PerceivedView
-from tests.fusion_run import FakeNode
+from tests.fusion_run import RANGE_M, FakeNode, perceived_view
 
 _LENS = Pinhole.from_hfov(160, 120, math.radians(90))
-_RANGE_M = (0.1, 10.0)
 _SIZE_M = np.array([18.0, 12.0, 2.8])
 _ROBOT_S, _CAMERA_S, _MOVED_S = 20.0, 120.0, 3 * 3600.0
 _LABELS = ("couch", "chair", "bed")
@@ -56,36 +50,9 @@ class Storey:
         depth_m, shown = self._depth(T, int(at_s // _MOVED_S))
         depth_m = depth_m * (1 + 0.005 * self._rng.standard_normal(depth_m.shape)).astype(np.float32)
         rgb = np.repeat((60 * (shown + 2) % 256).astype(np.uint8)[..., None], 3, axis=-1)
-        payload, image, depth = encode_rgbd(rgb, depth_m, depth_range_m=_RANGE_M)
-        header = FrameHeader(
-            stamp_ns=int(1e9 * (1 + at_s)),
-            source=source,
-            view=0,
-            seq=seq,
-            floor="0",
-            camera=_LENS,
-            depth_range_m=_RANGE_M,
-            T_world_camera=Pose.from_matrix(T),
-            mounting_offset_m=height_m,
-            image=image,
-            depth=depth,
-        )
-        detections, embedding = perception_to_wire(ViewPerception("b", self._found(shown), self._embeddings[3]))
-        reply = InferReply(
-            stamp_ns=1,
-            worker="w",
-            backend="b",
-            source=source,
-            view=0,
-            seq=seq,
-            detections=detections,
-            image_embedding=embedding,
-        )
+        view = PosedView(source, 0, seq, int(1e9 * (1 + at_s)), "0", T, _LENS, height_m, rgb, depth_m, RANGE_M)
         digest = seq.to_bytes(8, "big") + source.encode()[-8:].rjust(8)
-        perceived = PerceivedView(
-            (source, 0), header, decode_frame(header, payload), perception_from_wire(reply, _LENS), payload, b"", digest
-        )
-        return replace(perceived, reply=msgspec.msgpack.encode(reply))
+        return perceived_view(view, ViewPerception("b", self._found(shown), self._embeddings[3]), digest)
 
     def _boxes(self, period: int) -> list[tuple[np.ndarray, np.ndarray]]:
         rng = np.random.default_rng(1000 + period)

@@ -118,7 +118,7 @@ class Removals:
                 continue
             try:
                 removal = self._begin(request.removal(), ready=ready)
-                changed = changed or ("provenance" if removal.way == "provenance" else None)
+                changed = changed or _changed_at_once(removal)
                 request.answer.set_result(removal)
             except Refused as refused:
                 request.answer.set_exception(refused)
@@ -133,16 +133,18 @@ class Removals:
 
     def _remove_quarantined(self) -> Way | None:
         """Removes a camera that isn't believed any more; returns the way in which the maps have changed."""
-        for source in sources_to_remove(self._maps.joint)[:1]:
-            self._retry_at_s = time.monotonic() + _RETRY_S  # should it fail
-            quarantine = self._maps.joint.quarantine
-            removal = replace(_new_removal(source), quarantined=quarantine.state_of(source))
-            removal = replace(removal, message=f"the camera isn't believed: {quarantine.reasons()[source]}")
-            try:
-                return "provenance" if self._begin(removal, ready=True).way == "provenance" else None
-            except Refused as refused:
-                self._node.warn_seldom("a camera in quarantine can't be removed from the maps", error=str(refused))
-        return None
+        sources, quarantine = sources_to_remove(self._maps.joint), self._maps.joint.quarantine
+        if not sources:
+            return None
+        source = sources[0]
+        why = f"the camera isn't believed: {quarantine.reasons()[source]}"
+        self._retry_at_s = time.monotonic() + _RETRY_S  # should it fail
+        try:
+            removal = replace(_new_removal(source), message=why, quarantined=quarantine.state_of(source))
+            return _changed_at_once(self._begin(removal, ready=True))
+        except Refused as refused:
+            self._node.warn_seldom("a camera in quarantine can't be removed from the maps", error=str(refused))
+            return None
 
     def _begin(self, removal: Removal, *, ready: bool) -> Removal:
         """Commits a removal, which has no id yet, and begins it. Refused: as ``ask``."""
@@ -243,6 +245,11 @@ class Removals:
 
 def _new_removal(source: str) -> Removal:
     return Removal(0, 0, source, None, None, "replay", clock_ns())
+
+
+def _changed_at_once(begun: Removal) -> Way | None:
+    """The way in which a removal that has just begun has changed the maps already; None if they are computed again first."""
+    return "provenance" if begun.way == "provenance" else None
 
 
 def _facts(removal: Removal) -> dict[str, object]:

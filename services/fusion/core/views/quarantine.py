@@ -25,7 +25,7 @@ from surveilnav.services.fusion.core.views.floor_plane import FloorPlane, fit_fl
 from surveilnav.services.fusion.core.views.plausibility import find_mistake
 from surveilnav.services.fusion.core.views.validation import ViewError, ViewValidator
 
-#: So many pictures must disagree with the floor, and so large a share of the views with the newest word of each.
+#: So many pictures must show a mistake, and the newest pictures of so large a share of the camera's views.
 _MIN_PICTURES, _MIN_SHARE = 2, 0.25
 #: A plane is taken for the floor if so many of the view's points are on it, and it extends so far.
 _PLANE_SHARE, _PLANE_SPREAD_M = 0.15, 0.25
@@ -135,11 +135,11 @@ class Quarantine:
             if source.startswith("camera/")
             and found.n_refuted >= c.min_refuted_voxels
             and found.refuted_share >= c.max_refuted_share
-            and not self._cameras.setdefault(source, _Camera()).why
+            and source not in self.reasons()
         ]
         if wrong:
             share, source = max(wrong)
-            self._cameras[source].why = (
+            self._cameras.setdefault(source, _Camera()).why = (
                 f"others look through {100 * share:.0f} % of what it has measured where both have looked: its position or "
                 "its direction is wrong, or it isn't this camera"
             )
