@@ -76,15 +76,26 @@ class MissionBus:
             self.node.reject("stairs", f"robot {self.robot} speaks of {dropped} that can't be, or of too many")
         return kept
 
-    def maps_with(self, seq: int) -> FloorMaps:
-        """The maps of the robot's floor, once they contain its observation ``seq``. Views of cameras aren't waited for.
+    def newest_maps(self) -> tuple[RobotStatus, FloorMaps]:
+        """The robot's status, and its floor's maps once they contain the observation that the status names.
+
+        Views of cameras aren't waited for.
 
         Raises:
             MissionFailedError: perception_down, fusion_down or robot_lost, after ``maps_timeout_s``.
         """
+        while True:
+            status = self.robot_status()
+            if (maps := self._maps_with(status.seq)) is not None:
+                return status, maps
+
+    def _maps_with(self, seq: int) -> FloorMaps | None:
+        """The maps of the robot's floor, once they contain its observation ``seq``; None if the robot has another by now."""
         began_s = time.monotonic()
         while True:
             revision = self._revision_with(seq, began_s)
+            if revision is None:
+                return None
             try:
                 return self.maps.maps_at(revision, self.robot)
             except (Unanswered, Refused, WireError) as error:
@@ -139,8 +150,12 @@ class MissionBus:
                 if newest != seq:
                     return newest
 
-    def _revision_with(self, seq: int, began_s: float) -> Revision:
-        """Waits until a floor's maps contain the robot's observation ``seq``; returns the newest revision of that floor."""
+    def _revision_with(self, seq: int, began_s: float) -> Revision | None:
+        """Waits until a floor's maps contain the robot's observation ``seq``; returns the newest revision of that floor.
+
+        None: the robot has another observation by now, as after its restart without its store, so that nobody will ever
+        publish this one.
+        """
         asked_s = time.monotonic()
         while True:
             rows = [row.message for row in self.revisions.rows()]
@@ -152,11 +167,23 @@ class MissionBus:
                 for received in self.node.ask_all(MAP_REVISION, timeout_s=self.settings.ask_timeout_s):
                     if received.message.robots.get(self.robot) == seq:
                         return cast("Revision", received.message)
+                if self._has_other_observation(seq):
+                    return None
             newest = max(rows, key=lambda r: r.stamp_ns, default=None)
             name, why = self._missing_service(
                 newest, f"the maps don't hold observation {seq} of robot {self.robot} yet"
             )
             self._wait_or_fail(began_s, self.settings.maps_timeout_s, name, why)
+
+    def _has_other_observation(self, seq: int) -> bool:
+        """Whether the robot says so. One that is silent doesn't."""
+        try:
+            status: RobotStatus = self.node.ask(
+                ROBOT_STATUS, robot=self.robot, timeout_s=self.settings.ask_timeout_s
+            ).message
+        except (Unanswered, Refused, WireError):
+            return False
+        return status.seq != seq
 
     def _missing_service(self, revision: Revision | None, otherwise: str) -> tuple[str, str]:
         """Which service is holding up the maps. Returns the failure name for the mission and a message for people."""

@@ -220,8 +220,7 @@ class MissionRunner:
         while True:
             self._bus.check_cancelled()
             if self._pending is None:
-                status = self._bus.robot_status()
-                maps = self._bus.maps_with(status.seq)
+                status, maps = self._bus.newest_maps()
                 self._pending = self._decide(status, maps)
             self._bus.check_cancelled()
             if self._carry_out(self._pending):

@@ -468,6 +468,18 @@ def test_holds_still_while_maps_are_late_then_goes_on(fakes, planner, client):
     assert end_of(client).found
 
 
+def test_a_robot_that_begins_anew_while_its_view_is_awaited_is_asked_which_it_has_now(fakes, planner, client):
+    f = fakes()
+    f.answers = False
+    f.world.seq = 4
+    planner(QUICK.model_copy(update={"maps_timeout_s": 20.0}))
+    submit(client)
+    until_heard(lambda: "observation 4" in client.ask(MISSION_STATUS, mission="m1").message.message)
+    f.world.seq, f.answers = 0, True  # it lost its store before it published view 4: now nobody ever will
+    f.tell()
+    assert end_of(client).found
+
+
 def test_late_maps_fail_by_name(fakes, planner, client):
     f = fakes()
     f.answers = False
