@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import sys
-import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 from surveilnav.bus import BusSettings, Node
+from surveilnav.bus.lease import Slots
+from surveilnav.contract import CAMERA_SLOT
 from surveilnav.errors import ConfigError
-from surveilnav.services.camera_node.lease import lease
 
-_RETRY_S = 2.0
+_SLOTS = Slots(CAMERA_SLOT, "camera")
 
 
 @contextmanager
@@ -33,22 +32,5 @@ def take_camera(
         with Node("camera", name, bus) as node:
             yield name, node
         return
-    announced = False
-    while True:
-        names = list_names()
-        with lease(names, bus) as leased:
-            if leased is not None:
-                yield leased
-                return
-        if not announced:
-            print(f"camera: all {len(names)} cameras of {where} are taken; waiting for one", file=sys.stderr)
-            announced = True
-        _touch_health_file(bus)
-        time.sleep(_RETRY_S)
-
-
-def _touch_health_file(bus: BusSettings) -> None:
-    """Reports a spare replica, which waits for a camera to become free, as healthy."""
-    if bus.health_file:
-        bus.health_file.parent.mkdir(parents=True, exist_ok=True)
-        bus.health_file.touch()
+    with _SLOTS.take(list_names, bus, where) as taken:
+        yield taken

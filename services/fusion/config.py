@@ -5,13 +5,17 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import Field, ValidationError
+from pydantic import Field, ValidationError, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+from surveilnav.contract import ID
 from surveilnav.errors import ConfigError
 from surveilnav.services.fusion.core import FusionConfig
+from surveilnav.services.fusion.shard import Shard
 
 
 class FusionSettings(BaseSettings):
@@ -30,7 +34,13 @@ class FusionSettings(BaseSettings):
     views: dict[str, Any] = Field(default={}, description="... ViewOrderConfig")
     store: str = Field(
         default="",
-        description="SQLite file that keeps the maps over a restart; empty: they are lost when the process ends",
+        description="SQLite file that keeps the maps over a restart; empty: they are lost when the process ends. With shards, "
+        "each has a file of its own beside it, whose name ends with the shard's",
+    )
+    shards: dict[str, list[str]] = Field(
+        default={},
+        description='the floors of each shard by its name, as in {"low": ["0", "1"], "high": ["2"]}: so many fusion services are '
+        "started alike, and each takes a shard that no other has; empty: one service maps the whole building",
     )
     snapshot_views: int = Field(
         default=100, ge=1, description="a snapshot of the maps is written after this many logged views"
@@ -84,6 +94,28 @@ class FusionSettings(BaseSettings):
         gt=0,
         description="pause before a failed request to perception, or a failed write to the store, is tried again",
     )
+
+    @field_validator("shards")
+    @classmethod
+    def _check_shards(cls, shards: dict[str, list[str]]) -> dict[str, list[str]]:
+        floors = [floor for listed in shards.values() for floor in listed]
+        if bad := [name for name in (*shards, *floors) if re.fullmatch(ID, name) is None]:
+            raise ValueError(f"names of shards and floors have letters, digits, '_', '.', '-'; got {bad[0]!r:.80}")
+        if empty := [name for name, listed in shards.items() if not listed]:
+            raise ValueError(f"shard {empty[0]!r} has no floors")
+        if twice := sorted({floor for floor in floors if floors.count(floor) > 1}):
+            raise ValueError(f"floor {twice[0]!r} is listed twice; each floor belongs to one shard")
+        return shards
+
+    def shard(self, name: str) -> Shard:
+        """The shard of that name."""
+        return Shard(name, frozenset(self.shards[name]))
+
+    def for_shard(self, name: str) -> FusionSettings:
+        """The settings of the service that has this shard: its store is its own."""
+        path = Path(self.store)
+        store = str(path.with_name(f"{path.stem}-{name}{path.suffix}")) if self.store else ""
+        return self.model_copy(update={"store": store})
 
     def core(self) -> FusionConfig:
         """The preset with the settings that differ from it. ConfigError: an unknown name or invalid value."""

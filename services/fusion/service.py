@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
+
 from surveilnav.bus import Answer, Node, Request, clock_ns
 from surveilnav.contract import (
     CAMERA_SEARCH,
@@ -13,6 +16,7 @@ from surveilnav.contract import (
     OBJECTS,
     VIEW_LOG,
     VIEW_PICTURE,
+    Stream,
 )
 from surveilnav.messages import PicturesForgotten
 from surveilnav.services.fusion.answers.camera_search import CameraSearchAnswers
@@ -28,17 +32,22 @@ from surveilnav.services.fusion.config import FusionSettings
 from surveilnav.services.fusion.intake.intake import ViewIntake
 from surveilnav.services.fusion.map_log.log import MapLog
 from surveilnav.services.fusion.map_log.removal import Removal
+from surveilnav.services.fusion.shard import WHOLE_BUILDING, Shard
+
+_Handler = Callable[[Request], Answer | list[Answer]]
 
 
 class FusionService:
-    """Keeps the joint maps of the building: follows robots, invokes cameras, and has perception process every new view."""
+    """Keeps the joint maps of a building's shard: follows robots, invokes cameras, has perception process every new view."""
 
-    def __init__(self, node: Node, settings: FusionSettings, keep_pictures_s: float | None = None) -> None:
+    def __init__(
+        self, node: Node, settings: FusionSettings, keep_pictures_s: float | None = None, shard: Shard = WHOLE_BUILDING
+    ) -> None:
         """``keep_pictures_s``: how long pictures may stay in the log; None: as long as the log needs them."""
-        self._node = node
+        self._node, self._shard = node, shard
         self._maps = BuildingMaps(settings.core())
         self._log = MapLog(node, settings, self._maps, keep_pictures_s)
-        self._intake = ViewIntake(node, settings, self._maps)
+        self._intake = ViewIntake(node, settings, self._maps, self._shard)
         self._revisions = Revisions(node, self._maps, self._intake, self._log)
         self._removals = RemovalAnswers(node, self._log.removals)
         if settings.store and not self._maps.joint.revision and not self._log.problem:
@@ -48,18 +57,30 @@ class FusionService:
     def _serve(self) -> None:
         """Starts to answer queries, on threads of the node."""
         reader = MapReader(self._maps, self._intake.texts, self._intake.positions)
-        objects, log = ObjectAnswers(reader, self._log), LogAnswers(self._maps, self._log)
+        objects, log = ObjectAnswers(reader, self._log), LogAnswers(self._node.id, self._maps, self._log)
         # a query for a value layer may wait for perception; more workers keep other queries from waiting behind it
-        self._node.serve(FLOOR_MAPS, FloorMapsAnswers(reader, self._revisions).floor_maps, workers=3)
-        self._node.serve(MAP_LAYER, LayerAnswers(self._node, reader).layer, workers=3)
-        self._node.serve(OBJECTS, objects.objects)
-        search = CameraSearchAnswers(self._node, self._maps, self._intake)
+        self._serve_floors(FLOOR_MAPS, FloorMapsAnswers(reader, self._revisions).floor_maps, workers=3)
+        self._serve_floors(MAP_LAYER, LayerAnswers(self._node, reader).layer, workers=3)
+        self._serve_floors(OBJECTS, objects.objects)
+        self._serve_floors(VIEW_PICTURE, objects.picture)
+        self._serve_floors(MAP_REVISION, self._revisions.answer)
+        search = CameraSearchAnswers(self._node, self._maps, self._intake, self._shard)
         self._node.serve(CAMERA_SEARCH, search.search, workers=2, fusion=self._node.id)
-        self._node.serve(VIEW_PICTURE, objects.picture)
-        self._node.serve(MAP_REVISION, self._revisions.answer)
         self._node.serve(FORGET_PICTURES, self._on_forget, keeper=self._node.id)
         self._node.serve(VIEW_LOG, log.view)
         self._node.serve(MAP_SNAPSHOT, log.snapshot)
+
+    def _serve_floors(self, stream: Stream, handler: _Handler, workers: int = 1) -> None:
+        """Answers queries about the shard's floors, each on a key of its own: other floors have other services."""
+        if self._shard.floors is None:
+            self._node.serve(stream, handler, workers=workers)
+            return
+        for floor in sorted(self._shard.floors):
+
+            def answer(request: Request, floor: str = floor) -> Answer | list[Answer]:
+                return handler(replace(request, ids={**request.ids, "floor": floor}))  # one to all floors names none
+
+            self._node.serve(stream, answer, workers=workers, floor=floor)
 
     def step(self) -> bool:
         """One turn of the main loop; True if there was something to do."""

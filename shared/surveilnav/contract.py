@@ -177,6 +177,19 @@ CAMERA_SLOT = Stream(
     request=m.SlotClaim,
     allows_wildcard=True,
 )
+FUSION_SLOT = Stream(
+    "fusion_slot",
+    "{building}/fusion_slot/{fusion}",
+    m.Ack,
+    "fusion",
+    "query",
+    None,
+    2_000,
+    "control",
+    "which fusion has taken a part of the building answers; processes without one look for a part that nobody has",
+    request=m.SlotClaim,
+    allows_wildcard=True,
+)
 ROBOT_OBSERVATION = Stream(
     "robot_observation",
     "{building}/robot/{robot}/observation",
@@ -379,7 +392,7 @@ VIEW_LOG = Stream(
     None,
     5_000,
     "maps",
-    "the next view that went into the maps after one (after=NUMBER), with what perception said of it",
+    "the next view that went into the maps after one (after=NUMBER), with what perception said of it; fusion=ID: of that fusion",
     payload=True,
 )
 MAP_SNAPSHOT = Stream(
@@ -391,7 +404,7 @@ MAP_SNAPSHOT = Stream(
     None,
     10_000,
     "maps",
-    "all maps after the newest view, in pieces (number=, offset=); only=digest: what they come to",
+    "all maps after the newest view, in pieces (number=, offset=); only=digest: what they come to; fusion=ID: of that fusion",
     payload=True,
 )
 MISSION_GOAL = Stream(

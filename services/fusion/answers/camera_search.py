@@ -14,6 +14,7 @@ from surveilnav.services.fusion.building_maps import BuildingMaps
 from surveilnav.services.fusion.core.views.coverage import is_outline, room_shares
 from surveilnav.services.fusion.core.views.order import ViewFootprint
 from surveilnav.services.fusion.intake.intake import ViewIntake
+from surveilnav.services.fusion.shard import Shard
 from surveilnav.words import validate_word
 
 _MAX_S = 50.0
@@ -24,13 +25,18 @@ _SETTLED_S, _POLL_S = 0.5, 0.1
 class CameraSearchAnswers:
     """Answers ``CAMERA_SEARCH``. Each answer takes a while, so it needs workers of its own."""
 
-    def __init__(self, node: Node, maps: BuildingMaps, intake: ViewIntake) -> None:
-        self._node, self._maps, self._intake = node, maps, intake
+    def __init__(self, node: Node, maps: BuildingMaps, intake: ViewIntake, shard: Shard) -> None:
+        self._node, self._maps, self._intake, self._shard = node, maps, intake, shard
 
-    def search(self, request: Request) -> Answer:
-        """Looks for something with all cameras of a floor, or of all floors. Refused: bad_target, bad_room, no_camera."""
+    def search(self, request: Request) -> Answer | list[Answer]:
+        """Looks for something with all cameras of a floor, or of all floors of the shard.
+
+        A floor of another shard gets no answer from this one. Refused: bad_target, bad_room, no_camera.
+        """
         wanted: CameraSearch = request.message
         floor = wanted.floor or None
+        if floor is not None and not self._shard.includes(floor):
+            return []
         try:
             target = validate_word(wanted.target)
         except TargetError as error:

@@ -20,13 +20,17 @@ _PIECE_BYTES = 8 << 20
 class LogAnswers:
     """Answers queries for logged views and snapshots. Thread-safe."""
 
-    def __init__(self, maps: BuildingMaps, log: MapLog) -> None:
+    def __init__(self, fusion: str, maps: BuildingMaps, log: MapLog) -> None:
+        """``fusion``: the id of this service, by which queries to one of several address it."""
+        self._fusion = fusion
         self._config, self._maps, self._log = maps.joint.config.model_dump_json(), maps, log
         self._lock = threading.Lock()
         self._snapshot: tuple[MapSnapshot, bytes] | None = None  # that a client is still fetching in pieces
 
-    def view(self, request: Request) -> Answer:
+    def view(self, request: Request) -> Answer | list[Answer]:
         """The first integrated view in the log after number ``after``."""
+        if self._is_for_another(request):
+            return []
         after = _number(request, "after")
         try:
             removals = self._maps.removals
@@ -34,7 +38,9 @@ class LogAnswers:
         except StoreError as error:
             raise Refused("store_down", f"the log of views can't be read: {error}") from error
         if e is None:
-            return Answer(LoggedView(stamp_ns=clock_ns(), number=0, newest=newest, removals=removals))
+            return Answer(
+                LoggedView(stamp_ns=clock_ns(), number=0, newest=newest, removals=removals, fusion=self._fusion)
+            )
         view = LoggedView(
             stamp_ns=clock_ns(),
             number=number,
@@ -46,15 +52,18 @@ class LogAnswers:
             digest=e.digest,
             fault=e.fault,
             removals=removals,
+            fusion=self._fusion,
         )
         return Answer(view, e.payload)
 
-    def snapshot(self, request: Request) -> Answer:
+    def snapshot(self, request: Request) -> Answer | list[Answer]:
         """A piece of a snapshot of the maps.
 
         Parameters: ``offset`` in bytes; 0 makes a new snapshot of the maps as they are now. Further pieces need the ``number`` of
         that snapshot. ``only=digest``: its digest alone, without any piece.
         """
+        if self._is_for_another(request):
+            return []
         if request.parameters.get("only") == "digest":
             return Answer(self._header(self._maps.freeze()))
         offset = _number(request, "offset")
@@ -79,7 +88,12 @@ class LogAnswers:
             digest=digest(state["maps"]),
             config=self._config,
             removals=state["removals"],
+            fusion=self._fusion,
         )
+
+    def _is_for_another(self, request: Request) -> bool:
+        """Whether another fusion is asked. One that is asked for none in particular is the only one."""
+        return request.parameters.get("fusion", self._fusion) != self._fusion
 
 
 def _number(request: Request, name: str) -> int:

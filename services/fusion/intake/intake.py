@@ -20,6 +20,7 @@ from surveilnav.services.fusion.intake.words import SearchedWords
 from surveilnav.services.fusion.intake.workers import Workers
 from surveilnav.services.fusion.map_log.removal import Removal
 from surveilnav.services.fusion.perceived import PerceivedView, ViewKey
+from surveilnav.services.fusion.shard import Shard
 
 _WORDS_PERIOD_S = 0.2  # between two checks of what missions search for
 
@@ -32,11 +33,11 @@ class ViewIntake:
         texts: embeds texts with the model that embeds the views.
     """
 
-    def __init__(self, node: Node, settings: FusionSettings, maps: BuildingMaps) -> None:
+    def __init__(self, node: Node, settings: FusionSettings, maps: BuildingMaps, shard: Shard) -> None:
         self._views_per_step = settings.camera_views_per_step
         self.searches = CameraSearches()
         self._words = SearchedWords(node, settings.prompts, self.searches)
-        self._sources = Sources(node, settings, maps, self._words, self.searches)
+        self._sources = Sources(node, settings, maps, shard, self._words, self.searches)
         self._pictures = PictureCache(settings.picture_cache_mb << 20)
         self._workers = Workers(node)
         self.positions = RobotPositions()
@@ -53,7 +54,7 @@ class ViewIntake:
         return self._sources.cameras
 
     def announced_cameras(self) -> list[CameraInfo]:
-        """All cameras that have announced themselves, invoked or not. Safe from any thread."""
+        """All cameras of the shard that have announced themselves, invoked or not. Safe from any thread."""
         return self._sources.infos()
 
     def is_perceiving(self, camera: str) -> bool:

@@ -23,6 +23,7 @@ from surveilnav.services.fusion.intake.camera_searches import CameraSearches
 from surveilnav.services.fusion.intake.clocks import SourceClocks
 from surveilnav.services.fusion.intake.words import SearchedWords
 from surveilnav.services.fusion.map_log.removal import Removal
+from surveilnav.services.fusion.shard import Shard
 
 _MAX_CAMERAS, _MAX_VIEWS, _MAX_ROBOTS = 1000, 64, 64
 _MAX_SEQ, _MAX_STAMP_NS = 2**53, 2**62  # the largest that the store, the maps and JavaScript clients can represent
@@ -55,10 +56,12 @@ class Sources:
         node: Node,
         settings: FusionSettings,
         maps: BuildingMaps,
+        shard: Shard,
         words: SearchedWords,
         searches: CameraSearches,
     ) -> None:
         self._node, self._settings, self._maps, self._words, self._searches = node, settings, maps, words, searches
+        self._shard = shard
         self._config = maps.joint.config.map
         self._infos = node.table(CAMERA_INFO)
         self._statuses = node.table(ROBOT_STATUS)
@@ -72,8 +75,9 @@ class Sources:
         self.cameras: dict[str, InvokedCamera] = {}
 
     def infos(self) -> list[CameraInfo]:
-        """The cameras that have announced themselves."""
-        return [row.message for row in self._infos.rows() if row.ids["camera"] == row.message.camera]
+        """The shard's cameras that have announced themselves."""
+        infos = [row.message for row in self._infos.rows() if row.ids["camera"] == row.message.camera]
+        return [info for info in infos if self._shard.includes(info.floor)]
 
     def poll(self) -> tuple[list[Received[FrameHeader]], list[str]]:
         """The new frames, those of robots first, and the cameras ("camera/<id>") whose subscriptions have just been ended."""
@@ -103,10 +107,11 @@ class Sources:
         self._silent_prefetched.discard(name)
 
     def _follow_robots(self) -> None:
-        here = {row.ids["robot"] for row in self._statuses.rows(max_age_s=self._settings.robot_timeout_s)}
-        for robot in sorted(
-            set(self._robots) - here - self._node.alive("robot")
-        ):  # silent and off the bus, which frees its slot
+        rows = self._statuses.rows(max_age_s=self._settings.robot_timeout_s)
+        elsewhere = {row.ids["robot"] for row in rows if not self._shard.includes(row.message.floor)}
+        here = {row.ids["robot"] for row in rows} - elsewhere
+        # silent and off the bus, or on the floor of another shard: it needs no place here
+        for robot in sorted((set(self._robots) - here - self._node.alive("robot")) | (set(self._robots) & elsewhere)):
             self._robots.pop(robot).close()
             self._floor_z_m.pop(robot, None)
             self._newest.pop(robot, None)
@@ -122,6 +127,8 @@ class Sources:
             frame = slot.poll()
             if frame is None or not self._belongs(frame, f"robot/{robot}", 0):
                 continue
+            if not self._shard.includes(frame.message.floor):
+                continue  # it has just come from another shard's floor, or has just left this one's
             header = frame.message
             self._floor_z_m[robot] = header.T_world_camera.translation_m[2] - header.mounting_offset_m
             # a robot repeats its observation until it gets a command; after a restart it numbers anew

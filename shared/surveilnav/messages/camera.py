@@ -85,6 +85,6 @@ class CameraRequest(Message, frozen=True, kw_only=True):
 
 
 class SlotClaim(Message, frozen=True, kw_only=True):
-    """Asks which process has taken a camera. ``node``: the random id of the process that looks for a free one."""
+    """Asks which process has taken a slot, such as a camera. ``node``: the random id of the process that looks for a free one."""
 
     node: str

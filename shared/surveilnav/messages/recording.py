@@ -21,6 +21,7 @@ class LoggedView(Message, frozen=True, kw_only=True):
         fault: why the view was refused; then header and reply are empty.
         removals: how many removals (``RemoveFromMaps``) the maps reflect. When it changes, earlier views don't give the maps any
             more.
+        fusion: the fusion service whose log this is.
     """
 
     number: int
@@ -32,6 +33,7 @@ class LoggedView(Message, frozen=True, kw_only=True):
     digest: bytes = b""
     fault: str = ""
     removals: int = 0
+    fusion: str = ""
 
 
 class MapSnapshot(Message, frozen=True, kw_only=True):
@@ -41,7 +43,7 @@ class MapSnapshot(Message, frozen=True, kw_only=True):
         revision: number of views in the maps.
         digest: hash of the maps in hex, equal for equal maps.
         config: fusion's settings for the maps as JSON.
-        removals: as in ``LoggedView``.
+        removals, fusion: as in ``LoggedView``.
     """
 
     number: int
@@ -51,6 +53,7 @@ class MapSnapshot(Message, frozen=True, kw_only=True):
     offset: int = 0
     n_bytes: int = 0
     removals: int = 0
+    fusion: str = ""
 
 
 class RecorderStatus(Message, frozen=True, kw_only=True):

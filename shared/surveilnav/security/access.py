@@ -63,6 +63,7 @@ READERS: dict[str, frozenset[Kind]] = {
     "camera_summary": _kinds("planner", "gateway", "recorder"),
     "camera_request": _kinds("fusion", "gateway"),
     "camera_slot": _CAMERAS,
+    "fusion_slot": _kinds("fusion"),
     "robot_observation": _kinds("fusion"),
     "robot_status": _kinds("fusion", "planner", "gateway", "recorder", "supervisor", "viewer"),
     "robot_command": _kinds("planner"),

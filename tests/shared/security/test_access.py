@@ -27,6 +27,7 @@ TABLE = {
     "perception_infer": ("perception", "fusion"),
     "perception_text": ("perception", "fusion planner gateway recorder"),
     "perception_load": ("perception", "fusion planner gateway recorder supervisor viewer"),
+    "fusion_slot": ("fusion", "fusion"),
     "floor_maps": ("fusion", "planner"),
     "map_layer": ("fusion", "gateway recorder"),
     "map_revision": ("fusion", "planner gateway recorder viewer"),
