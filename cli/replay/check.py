@@ -19,6 +19,7 @@ from surveilnav.services.fusion.core.snapshot import SnapshotError, digest, free
 from surveilnav.services.fusion.core.views.validation import ViewError
 from surveilnav.services.fusion.map_log.recovery import perceived_from_entry
 from surveilnav.services.fusion.map_log.store import Entry
+from surveilnav.services.recorder.core.facts import ONLY_FUSION, fact_name
 from surveilnav.services.recorder.reading import RecordingError
 from surveilnav.services.recorder.recorded import (
     RecordedDamage,
@@ -37,7 +38,8 @@ class Outcome:
     """The result of making a recording's maps again: the digest of the recorded maps and of the maps made now.
 
     Attributes:
-        recorded: digest of fusion's maps when the mission ended; "" if the recording doesn't have it.
+        recorded: digest of fusion's maps when the mission ended, of several fusion services one after the other; "" if the
+            recording doesn't have it.
         replayed: digest of the maps that were made now from the recording.
         views: how many of the recorded views were integrated into the maps for this.
         began_with: how many views were in the maps with which the recording begins (its snapshot).
@@ -73,27 +75,53 @@ class Outcome:
         return {**asdict(self), "same": self.same}
 
 
+class _RemadeMaps:
+    """The maps of a fusion service, made again. ``views``: how many went in; ``began_with``: how many the snapshot had."""
+
+    def __init__(self, joint: JointMap) -> None:
+        self.joint, self.began_with, self.views = joint, joint.revision, 0
+
+    def integrate(self, view: LoggedView, payload: bytes) -> None:
+        """Integrates a view as fusion did. One that the maps refuse they refused then, too."""
+        try:
+            perceived = perceived_from_entry(entry_of(view, payload))
+            if perceived.view is not None and self.joint.accept(perceived.view, perceived.perception) is not None:
+                self.views += 1
+        except ViewError:
+            pass
+        except (WireError, msgspec.DecodeError) as error:
+            raise RecordingError(f"view {view.number} can't be read: {error}") from error
+
+
 def check(path: Path) -> Outcome:
     """Makes the maps of a recording again, from the snapshot and the views in it.
 
     Raises:
         RecordingError: it can't be read, or holds no maps.
     """
-    joint, began_with, views, recorded, ended = None, 0, 0, "", False
+    made: dict[str, _RemadeMaps] = {}  # by fusion service
+    facts: dict[str, str] | None = None
     for found in read_recording(path):
         match found:
             case RecordedMaps():
-                joint = maps_of(found)
-                began_with, views = joint.revision, 0
+                made[found.fusion] = _RemadeMaps(maps_of(found))
             case RecordedMessage(stream=stream, message=message, payload=payload) if (
-                stream is VIEW_LOG and joint is not None
+                stream is VIEW_LOG and (message.fusion or ONLY_FUSION) in made
             ):
-                views += _take(joint, message, payload)
+                made[message.fusion or ONLY_FUSION].integrate(message, payload)
             case RecordedEnd():
-                recorded, ended = found.facts.get("digest", ""), True
-    if joint is None:
+                facts = found.facts
+    if not made:
         raise RecordingError(f"{path} holds no maps: fusion kept no log (SURVEILNAV_FUSION__STORE), or wasn't there")
-    return Outcome(recorded, digest(freeze(joint)), views, began_with, ended, missing_in_words(path))
+    recorded = [(facts or {}).get(fact_name("digest", fusion), "") for fusion in sorted(made)]
+    return Outcome(
+        recorded=" ".join(recorded) if all(recorded) else "",
+        replayed=" ".join(digest(freeze(made[fusion].joint)) for fusion in sorted(made)),
+        views=sum(maps.views for maps in made.values()),
+        began_with=sum(maps.began_with for maps in made.values()),
+        ended=facts is not None,
+        missing=missing_in_words(path),
+    )
 
 
 def missing_in_words(path: Path) -> str:
@@ -134,14 +162,3 @@ def config_of(maps: RecordedMaps) -> FusionConfig:
 def entry_of(view: LoggedView, payload: bytes) -> Entry:
     """A view as it stood in fusion's log."""
     return Entry(view.source, view.view, view.header, payload, view.reply, view.digest, view.fault)
-
-
-def _take(joint: JointMap, view: LoggedView, payload: bytes) -> bool:
-    """Has the maps take a view as fusion did; False: they refuse it, as they did then."""
-    try:
-        perceived = perceived_from_entry(entry_of(view, payload))
-        return perceived.view is not None and joint.accept(perceived.view, perceived.perception) is not None
-    except ViewError:
-        return False
-    except (WireError, msgspec.DecodeError) as error:
-        raise RecordingError(f"view {view.number} can't be read: {error}") from error

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
-from surveilnav.bus import Node, Refused
+from surveilnav.bus import Answer, Node, Refused, Request
 from surveilnav.cli.replay.check import config_of, entry_of, maps_of
 from surveilnav.contract import MAP_LAYER, OBJECTS, VIEW_PICTURE
 from surveilnav.messages import LoggedView
@@ -20,29 +21,35 @@ from surveilnav.services.fusion.intake.workers import Workers
 from surveilnav.services.fusion.map_log.log import MapLog
 from surveilnav.services.fusion.map_log.recovery import perceived_from_entry
 from surveilnav.services.fusion.map_log.store import Store
+from surveilnav.services.recorder.core.facts import ONLY_FUSION
 from surveilnav.services.recorder.recorded import RecordedMaps
 
 
 class ReplayedMaps:
-    """Answers queries for layers, objects and pictures with fusion's own parts. ``folder``: where their log goes."""
+    """Answers queries for layers, objects and pictures with fusion's own parts. ``folder``: where their log goes.
+
+    A recording of a building with several fusion services holds the maps of each, of different floors.
+    """
 
     def __init__(self, node: Node, folder: Path) -> None:
         self._node, self._folder = node, folder
         self._texts = TextEncoder(Workers(node))
-        self._positions = RobotPositions()
-        self._log: MapLog | None = None
-        self._answers: tuple[LayerAnswers, ObjectAnswers] | None = None
+        self._parts: dict[str, _Part] = {}  # by fusion service
+        self._is_ready = False
         self._n_begun = 0
-        node.serve(MAP_LAYER, lambda request: self._ready()[0].layer(request), workers=3)
-        node.serve(OBJECTS, lambda request: self._ready()[1].objects(request))
-        node.serve(VIEW_PICTURE, lambda request: self._ready()[1].picture(request))
+        node.serve(MAP_LAYER, lambda request: self._part_with(request).layers.layer(request), workers=3)
+        node.serve(OBJECTS, self._objects)
+        node.serve(VIEW_PICTURE, lambda request: self._part_with(request).objects.picture(request))
 
     def begin(self, maps: RecordedMaps) -> None:
-        """Goes on from a snapshot; the maps of before are gone."""
+        """Goes on from a snapshot; the maps of before are gone, but for those of other fusion services."""
         maps_of(maps)  # a snapshot that can't be read raises here, and the maps of before stay
-        self.close()
-        for old in self._folder.glob("maps-*"):
-            old.unlink()
+        if not self._is_ready:
+            self.close()
+            for old in self._folder.glob("maps-*"):
+                old.unlink()
+        elif former := self._parts.pop(maps.fusion, None):
+            former.log.close()
         self._n_begun += 1
         store = self._folder / f"maps-{self._n_begun}.sqlite"
         file = Store(store)
@@ -50,29 +57,52 @@ class ReplayedMaps:
         file.close()
         settings = _settings(config_of(maps), store)
         restored = BuildingMaps(settings.core())
-        self._log = MapLog(self._node, settings, restored)
-        self._positions = RobotPositions()
-        reader = MapReader(restored, self._texts, self._positions)
-        self._answers = LayerAnswers(self._node, reader), ObjectAnswers(reader, self._log)
+        log, positions = MapLog(self._node, settings, restored), RobotPositions()
+        reader = MapReader(restored, self._texts, positions)
+        part = _Part(log, restored, positions, LayerAnswers(self._node, reader), ObjectAnswers(reader, log))
+        self._parts, self._is_ready = {**self._parts, maps.fusion: part}, True
 
     def integrate(self, view: LoggedView, payload: bytes) -> None:
-        if self._log is not None:
+        if part := self._parts.get(view.fusion or ONLY_FUSION):
             perceived = perceived_from_entry(entry_of(view, payload))
-            self._positions.record(perceived.header)
-            self._log.integrate([perceived])
+            part.positions.record(perceived.header)
+            part.log.integrate([perceived])
 
     def forget(self) -> None:
         """Answers nothing until it begins again: a replay that was taken back must not show maps of its future."""
-        self._answers = None
+        self._is_ready = False
 
     def close(self) -> None:
-        if self._log is not None:
-            self._log.close()
+        for part in self._parts.values():
+            part.log.close()
+        self._parts = {}
 
-    def _ready(self) -> tuple[LayerAnswers, ObjectAnswers]:
-        if self._answers is None:
+    def _objects(self, request: Request) -> list[Answer]:
+        if request.ids.get("floor") is not None:
+            return self._part_with(request).objects.objects(request)
+        return [answer for part in self._ready() for answer in part.objects.objects(request)]
+
+    def _part_with(self, request: Request) -> _Part:
+        """The part that has the floor of a query; any if none has it."""
+        floor, parts = request.ids.get("floor"), self._ready()
+        return next((part for part in parts if floor in part.maps.joint.floors), parts[0])
+
+    def _ready(self) -> list[_Part]:
+        parts = list(self._parts.values())
+        if not self._is_ready or not parts:
             raise Refused("not_recorded", "the recording tells nothing of the maps (yet)")
-        return self._answers
+        return parts
+
+
+@dataclass(frozen=True, slots=True)
+class _Part:
+    """The maps of one fusion service."""
+
+    log: MapLog
+    maps: BuildingMaps
+    positions: RobotPositions
+    layers: LayerAnswers
+    objects: ObjectAnswers
 
 
 def _settings(config: FusionConfig, store: Path) -> FusionSettings:

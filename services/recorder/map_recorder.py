@@ -8,10 +8,9 @@ from collections.abc import Sequence
 from surveilnav.bus import Node, Received, clock_ns
 from surveilnav.contract import MAP_LAYER, OBJECTS, Stream
 from surveilnav.errors import BusError
-from surveilnav.messages import Revision
+from surveilnav.messages import LayerHeader, Revision
 from surveilnav.services.recorder.config import RecorderSettings
 from surveilnav.services.recorder.core.bus_message import BusMessage
-from surveilnav.services.recorder.fusion_client import FusionClient
 from surveilnav.services.recorder.recorded_mission import RecordedMission
 from surveilnav.services.recorder.writer import RecordingWriter
 
@@ -21,8 +20,8 @@ _GRIDS = ("occupancy", "explored", "frontier")
 class MapRecorder:
     """Records layers and objects of every floor into the missions' files. For one thread."""
 
-    def __init__(self, node: Node, settings: RecorderSettings, fusion: FusionClient, writer: RecordingWriter) -> None:
-        self._node, self._settings, self._fusion, self._writer = node, settings, fusion, writer
+    def __init__(self, node: Node, settings: RecorderSettings, writer: RecordingWriter) -> None:
+        self._node, self._settings, self._writer = node, settings, writer
         #: (recording, floor, what) -> the revision that was recorded last, and when [s, monotonic]
         self._recorded: dict[tuple[str, str, str], tuple[int, float]] = {}
 
@@ -46,11 +45,17 @@ class MapRecorder:
             grids = (*_GRIDS, "value") if floor == mission.status.floor else _GRIDS
             try:
                 for layer in ("cloud",) if what == "cloud" else grids:
-                    self._write(mission, MAP_LAYER, self._fusion.layer(floor, layer, target))
+                    self._write(mission, MAP_LAYER, self._layer(floor, layer, target))
                 if what == "grids":
-                    self._write(mission, OBJECTS, self._fusion.objects(floor))
+                    objects = self._node.ask(OBJECTS, floor=floor, parameters={"detail": "brief"})
+                    self._write(mission, OBJECTS, objects)
             except BusError as error:
                 self._node.warn_seldom("the maps can't be drawn", floor=floor, error=str(error))
+
+    def _layer(self, floor: str, layer: str, target: str) -> Received[LayerHeader]:
+        """A layer of a floor; ``target`` matters to the value layer."""
+        parameters = {"target": target} if layer == "value" else None
+        return self._node.ask(MAP_LAYER, floor=floor, layer=layer, parameters=parameters)
 
     def _is_due(self, mission: RecordedMission, floor: str, what: str, revision: int, interval_s: float) -> bool:
         recorded, at_s = self._recorded.get((mission.id, floor, what), (-1, -1e9))

@@ -11,6 +11,7 @@ import msgspec
 from mcap.records import Attachment, Channel, McapRecord, Message, Metadata, Schema
 
 from surveilnav.contract import Stream
+from surveilnav.services.recorder.core.facts import ONLY_FUSION
 from surveilnav.services.recorder.core.mcap_message import BUS_ENCODING, decode_bus_message, stream_of_topic
 from surveilnav.services.recorder.intact import Damage
 from surveilnav.services.recorder.reading import BEGIN, END, RecordingError, records
@@ -25,11 +26,17 @@ class RecordedStart:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordedMaps:
-    """A snapshot of fusion's maps after view ``number`` of its log. ``config``: fusion's settings as JSON."""
+    """A snapshot of fusion's maps after view ``number`` of its log.
+
+    Attributes:
+        config: fusion's settings as JSON.
+        fusion: the fusion service whose maps they are.
+    """
 
     number: int
     config: str
     snapshot: bytes
+    fusion: str = ONLY_FUSION
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,7 +53,10 @@ class RecordedMessage:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordedEnd:
-    """How the mission ended; and number, revision and digest of the final maps, if the recording has all their views."""
+    """How the mission ended; and number, revision and digest of the final maps, if the recording has all their views.
+
+    Those of one of several fusion services are found by ``core.facts.fact_name``.
+    """
 
     facts: dict[str, str]
 
@@ -124,4 +134,5 @@ class _Reader:
         number = record.name.rpartition("-")[2]
         if not number.isdigit():
             raise RecordingError(f"expected maps-NUMBER, got an attachment {record.name!r:.80}")
-        return RecordedMaps(int(number), self.facts[record.name].get("config", ""), record.data)
+        facts = self.facts[record.name]
+        return RecordedMaps(int(number), facts.get("config", ""), record.data, facts.get("fusion", ONLY_FUSION))

@@ -12,13 +12,12 @@ from surveilnav.services.recorder.core.bus_message import BusMessage
 from surveilnav.services.recorder.core.facts import mission_facts, outcome_facts
 from surveilnav.services.recorder.core.names import recording_id
 from surveilnav.services.recorder.folder import RecordingFolder
-from surveilnav.services.recorder.fusion_client import FusionClient
 from surveilnav.services.recorder.map_recorder import MapRecorder
 from surveilnav.services.recorder.prompt_embeddings import PromptEmbeddingRecorder
 from surveilnav.services.recorder.queries import RecordingQueries
 from surveilnav.services.recorder.recorded_mission import RecordedMission, is_under_way
 from surveilnav.services.recorder.status import RecorderStatusPublisher
-from surveilnav.services.recorder.view_recorder import ViewRecorder
+from surveilnav.services.recorder.view_recorder import ViewRecorders
 from surveilnav.services.recorder.writer import RecordingWriter
 
 #: Published streams that are recorded. Frames aren't among them: to subscribe to a camera's frames is to have it send them.
@@ -46,10 +45,9 @@ class RecorderService:
         self._node, self._settings = node, settings
         self._folder = RecordingFolder(settings.folder)
         self._writer = RecordingWriter(node, settings, self._folder, keep_pictures_s)
-        fusion = FusionClient(node)
-        self._views = ViewRecorder(node, fusion, self._writer)
+        self._views = ViewRecorders(node, self._writer)
         self._embeddings = PromptEmbeddingRecorder(node, self._writer)
-        self._maps = MapRecorder(node, settings, fusion, self._writer)
+        self._maps = MapRecorder(node, settings, self._writer)
         self._recorded: dict[str, RecordedMission] = {}  # by mission
         self.status = RecorderStatusPublisher(node, settings.id, self._writer, self._views)
         RecordingQueries(node, settings, self._folder)

@@ -9,7 +9,7 @@ from surveilnav.bus import Answer, Node, clock_ns
 from surveilnav.contract import RECORDER_STATUS
 from surveilnav.errors import BusError
 from surveilnav.messages import RecorderStatus
-from surveilnav.services.recorder.view_recorder import ViewRecorder
+from surveilnav.services.recorder.view_recorder import ViewRecorders
 from surveilnav.services.recorder.writer import RecordingWriter
 
 _PERIOD_S = 1.0
@@ -18,7 +18,7 @@ _PERIOD_S = 1.0
 class RecorderStatusPublisher:
     """Answers questions for the recorder's status, and publishes it every second, also while recording waits for fusion."""
 
-    def __init__(self, node: Node, recorder: str, writer: RecordingWriter, views: ViewRecorder) -> None:
+    def __init__(self, node: Node, recorder: str, writer: RecordingWriter, views: ViewRecorders) -> None:
         self._node, self._recorder, self._writer, self._views = node, recorder, writer, views
         self._publisher = node.publisher(RECORDER_STATUS, recorder=recorder)
         node.serve(RECORDER_STATUS, lambda _: Answer(self.status()), recorder=recorder)

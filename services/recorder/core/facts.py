@@ -5,6 +5,9 @@ from __future__ import annotations
 from surveilnav.messages import MissionStatus
 from surveilnav.perception.prompts import value_prompt
 
+#: The fusion service of a building that has one. Recordings of earlier releases don't name it.
+ONLY_FUSION = "fusion"
+
 
 def mission_facts(mission: str, status: MissionStatus, building: str) -> dict[str, str]:
     """The facts that are known when a recording begins."""
@@ -21,3 +24,8 @@ def mission_facts(mission: str, status: MissionStatus, building: str) -> dict[st
 def outcome_facts(status: MissionStatus) -> dict[str, str]:
     """How the mission ended."""
     return {"state": status.state, "found": str(status.found).lower()}
+
+
+def fact_name(name: str, fusion: str) -> str:
+    """The name of a fact about the maps of a fusion service: of the only one, ``digest``; of one of several, ``digest low``."""
+    return name if fusion == ONLY_FUSION else f"{name} {fusion}"

@@ -85,7 +85,7 @@ def fusion(tmp_path, tools):
     maps = BuildingMaps(FusionConfig())
     log = MapLog(Silent(), FusionSettings(store=str(tmp_path / "fusion.sqlite"), snapshot_views=1000), maps)
     yield (
-        LogAnswers(maps, log),
+        LogAnswers("fusion", maps, log),
         lambda *seqs, **more: [log.integrate([view(tools, world, s, **more)]) for s in seqs],
     )
     log.close()
@@ -175,7 +175,7 @@ def test_numbers_that_are_none(fusion, said):
 def test_without_a_store_there_is_no_log_but_maps(tools):
     maps = BuildingMaps(FusionConfig())
     log = MapLog(Silent(), FusionSettings(store=""), maps)
-    history = LogAnswers(maps, log)
+    history = LogAnswers("fusion", maps, log)
     with pytest.raises(Refused, match="SURVEILNAV_FUSION__STORE"):
         history.view(request())
     assert history.snapshot(request()).message.n_bytes > 0

@@ -18,6 +18,7 @@ from surveilnav.services.fusion.core import FusionConfig
 from surveilnav.services.fusion.intake import sources as module
 from surveilnav.services.fusion.intake.camera_searches import CameraSearches
 from surveilnav.services.fusion.intake.sources import Sources
+from surveilnav.services.fusion.shard import WHOLE_BUILDING, Shard
 
 CAMERA = Pinhole.from_hfov(160, 120, 1.4)
 
@@ -78,14 +79,20 @@ class FakeNode:
 
     def robots(self, *names: str) -> None:
         """Only they have said something lately."""
-        self.statuses.said = {name: SimpleNamespace(ids={"robot": name}) for name in names}
+        self.statuses.said = {}
+        for name in names:
+            self.robot(name)
 
-    def camera(self, name: str, views=(0,), z_m=1.8) -> None:
+    def robot(self, name: str, floor: str = "0") -> None:
+        """It has said that it is on a floor."""
+        self.statuses.said[name] = SimpleNamespace(ids={"robot": name}, message=SimpleNamespace(floor=floor))
+
+    def camera(self, name: str, views=(0,), z_m=1.8, floor="0") -> None:
         pose = Pose((0.0, 0.0, z_m), (0.0, 0.0, 0.0, 1.0))
         message = CameraInfo(
             stamp_ns=1,
             camera=name,
-            floor="0",
+            floor=floor,
             position_m=(0.0, 0.0, z_m),
             mounting_offset_m=1.8,
             intrinsics=CAMERA,
@@ -95,10 +102,9 @@ class FakeNode:
 
 
 def header(source="robot/r", **more) -> FrameHeader:
-    fields = {"stamp_ns": 1, "view": 0, "seq": 1} | more
+    fields = {"stamp_ns": 1, "view": 0, "seq": 1, "floor": "0"} | more
     return FrameHeader(
         source=source,
-        floor="0",
         T_world_camera=Pose((1.0, 2.0, 0.9), (0.0, 0.0, 0.0, 1.0)),
         camera=CAMERA,
         mounting_offset_m=0.9,
@@ -112,12 +118,12 @@ def header(source="robot/r", **more) -> FrameHeader:
 class Followed:
     """Sources that follow the robot r on floor 0."""
 
-    def __init__(self, **settings) -> None:
+    def __init__(self, shard=WHOLE_BUILDING, **settings) -> None:
         self.node = FakeNode()
         self.node.robots("r")
         self.maps, self.words = BuildingMaps(FusionConfig()), SimpleNamespace(is_idle=True)
         self.searches = CameraSearches()
-        self.sources = Sources(self.node, FusionSettings(**settings), self.maps, self.words, self.searches)
+        self.sources = Sources(self.node, FusionSettings(**settings), self.maps, shard, self.words, self.searches)
         self.look()
         self.says()
         self.look()
@@ -258,3 +264,33 @@ def test_a_search_with_cameras_invokes_those_of_its_floor_without_a_robot(follow
     with followed.searches.open("tv", "0"):
         followed.look()
         assert set(followed.sources.cameras) == {"c"}
+
+
+def test_a_shard_takes_the_robots_and_cameras_of_its_floors_only():
+    followed = Followed(Shard("low", frozenset({"0"})))
+    followed.node.camera("here")
+    followed.node.camera("above", floor="1")
+    assert [info.camera for info in followed.sources.infos()] == ["here"]
+    followed.look()
+    assert set(followed.sources.cameras) == {"here"}
+    followed.node.robots("r", "other")
+    followed.node.robot("other", floor="1")
+    followed.look()
+    assert ("r",) in followed.node.slots
+    assert ("other",) not in followed.node.slots, "another shard follows it"
+
+
+def test_a_robot_that_takes_the_stairs_changes_shards():
+    followed = Followed(Shard("low", frozenset({"0"})))
+    slot = followed.node.slots["r",]
+    followed.says(seq=2, floor="1", stamp_ns=2)
+    frames, _ = followed.look()
+    assert not frames, "what it sees on another floor is for the other shard, even before it says where it is"
+    followed.node.robot("r", floor="1")
+    followed.look()
+    assert slot.closed
+    followed.node.robot("r", floor="0")
+    followed.look()
+    followed.says(seq=9, stamp_ns=9)
+    frames, _ = followed.look()
+    assert [frame.message.seq for frame in frames] == [9]
