@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -18,6 +19,8 @@ from surveilnav.security.folder import ACCESS, CA, CERTIFICATE, KEY, SecurityFol
 from surveilnav.services.gateway.core.resources import NEEDED
 
 _SOON_S = 5.0
+#: The setting by which several fusion services share a building.
+_SHARDS = "SURVEILNAV_FUSION__SHARDS"
 _WHY_LATE = "; after an installation they compile their loops for half a minute"
 
 
@@ -78,7 +81,8 @@ class Stack:
         listen = ("--listen", self.environment["SURVEILNAV_BUS__ROUTER"], *access)
         programs = {"router": _Program("surveilnav.bus.router", listen)}
         if self.searches:
-            programs |= {name: _Program(f"surveilnav.services.{name}") for name in ("perception", "fusion", "planner")}
+            names = ("perception", *self._fusions(), "planner")
+            programs |= {name: _Program(f"surveilnav.services.{name.partition('-')[0]}") for name in names}
             programs["robot"] = _Program("surveilnav.services.robot_node")
         for camera in self.cameras:
             programs[f"camera-{camera}"] = _Program(
@@ -89,6 +93,15 @@ class Stack:
         if self.recorder:
             programs["recorder"] = _Program("surveilnav.services.recorder")
         return programs
+
+    def _fusions(self) -> list[str]:
+        """The names of the processes of fusion: one, or as many as the building has shards."""
+        shards = {**os.environ, **self.environment}.get(_SHARDS)
+        try:
+            n_shards = len(json.loads(shards)) if shards else 0
+        except (ValueError, TypeError):  # fusion itself says what is wrong with them
+            n_shards = 0
+        return [f"fusion-{number}" for number in range(1, n_shards + 1)] or ["fusion"]
 
     def start(self, name: str) -> None:
         """Starts (again) the service of that name."""
@@ -109,6 +122,8 @@ class Stack:
         if self.security is None:
             return {}
         identity = f"robot-{self.environment.get('SURVEILNAV_ROBOT__ID', 'r1')}" if name == "robot" else name
+        if name in self._fusions():
+            identity = "fusion"
         names = self.security.names()
         if identity.startswith("camera-") and identity not in names and "cameras" in names:
             identity = "cameras"
@@ -155,6 +170,8 @@ class Stack:
         kinds: list[str] = [kind for kind, _ in NEEDED] if self.searches else []
         kinds += [name for name, wanted in (("gateway", self.gateway), ("recorder", self.recorder)) if wanted]
         missing = [kind for kind in kinds if not node.alive(kind)]
+        if self.searches and 0 < len(node.alive("fusion")) < len(self._fusions()):
+            missing.append("fusion for every shard")
         present = node.alive("camera")
         return missing + [f"camera {c}" for c in self.cameras if c not in present]
 

@@ -21,7 +21,9 @@ from surveilnav.services.fusion.shard import Shard
 class FusionSettings(BaseSettings):
     """Settings of the fusion service and of the joint maps."""
 
-    model_config = SettingsConfigDict(env_prefix="SURVEILNAV_FUSION__", env_nested_delimiter="__", extra="ignore")
+    model_config = SettingsConfigDict(
+        env_prefix="SURVEILNAV_FUSION__", env_nested_delimiter="__", extra="ignore", env_ignore_empty=True
+    )
 
     surveillance: bool = Field(default=True, description="whether surveillance cameras are invoked at all")
     preset: Literal["default", "paper"] = Field(

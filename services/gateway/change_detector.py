@@ -92,7 +92,7 @@ class ChangeDetector:
             self._on_mission(row)
         self._publish("camera", self._cameras.update(self._camera_states()), changes.camera_event)
         self._all_removals.forget_outdated()
-        removals = {str(removal.id): removal for removal in self._all_removals.messages()}
+        removals = self._all_removals.messages()
         self._publish("removal", self._removals.update(removals), changes.removal_event)
         self._publish("robot", self._robots.update(self._robot_situations()), changes.robot_event)
         self._publish("service", self._processes.update(self._process_states()), changes.process_event)

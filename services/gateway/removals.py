@@ -30,19 +30,23 @@ class Removals:
         self._state, self._node = state, state.node
         self._maps, self._objects = maps, objects
         self._ended: set[tuple[str, str]] = set()
-        self._begun: MapRemoval | None = None  # the newest, which fusion may not have published yet
+        #: By fusion service, the newest that was begun here, which that service may not have published yet.
+        self._begun: dict[str, MapRemoval] = {}
 
     def all(self) -> list[Removal]:
         """The newest removals, the newest first."""
-        return [removal_from_message(removal) for removal in self.messages()]
+        return [removal_from_message(id, removal) for id, removal in self.messages().items()]
 
-    def messages(self) -> list[MapRemoval]:
-        """As fusion tells them, the newest first."""
-        found = [removal for row in self._state.removals.rows() for removal in row.message.removals]
-        begun = self._begun
-        if begun is not None and all(removal.stamp_ns < begun.stamp_ns for removal in found):
-            found.append(begun)
-        return sorted(found, key=lambda removal: -removal.id)
+    def messages(self) -> dict[str, MapRemoval]:
+        """As fusion tells them, by id, the newest first. Each fusion service counts its own."""
+        found = {
+            _id_of(row.ids["fusion"], removal): removal
+            for row in self._state.removals.rows()
+            for removal in row.message.removals
+        }
+        for fusion, begun in list(self._begun.items()):
+            found.setdefault(_id_of(fusion, begun), begun)
+        return dict(sorted(found.items(), key=lambda item: (-item[1].stamp_ns, -item[1].id)))
 
     def one(self, id: str) -> Removal:
         """One removal; 404 if fusion doesn't know it (any more)."""
@@ -52,7 +56,10 @@ class Removals:
         raise Problem(404, "unknown_removal", f"no removal {id!r}; {ROOT}/removals lists the newest")
 
     def begin(self, wanted: NewRemoval) -> Removal:
-        """Has fusion begin a removal. Returns once it is certain to happen, also if fusion is killed meanwhile."""
+        """Has fusion begin a removal. Returns once it is certain to happen, also if fusion is killed meanwhile.
+
+        Of several fusion services, each that has views of the source begins one, and the first is returned.
+        """
         message = RemoveFromMaps(
             stamp_ns=clock_ns(),
             source=wanted.source,
@@ -62,9 +69,21 @@ class Removals:
         fusions = sorted(self._node.alive("fusion"))
         if not fusions:
             raise absent("fusion")
-        row = request(self._node, "fusion", contract.REMOVE_FROM_MAPS, message, fusion=fusions[0])
-        self._begun = row.message
-        return removal_from_message(row.message)
+        begun: list[Removal] = []
+        refusals: list[Problem] = []
+        for fusion in fusions:
+            try:
+                removal = request(self._node, "fusion", contract.REMOVE_FROM_MAPS, message, fusion=fusion).message
+            except Problem as problem:
+                refusals.append(problem)
+                continue
+            self._begun[fusion] = removal
+            begun.append(removal_from_message(_id_of(fusion, removal), removal))
+        if serious := [problem for problem in refusals if problem.name != "unknown_source"] or (
+            [] if begun else refusals
+        ):
+            raise serious[0]
+        return begun[0]
 
     def forget_outdated(self) -> None:
         """Once a removal has ended, forgets answers about the maps of before, and floors that fusion has no maps of any more."""
@@ -85,11 +104,15 @@ class Removals:
             self._state.revisions.forget("floor", floor)
 
 
-def removal_from_message(message: MapRemoval) -> Removal:
+def _id_of(fusion: str, removal: MapRemoval) -> str:
+    return f"{fusion}-{removal.id}"
+
+
+def removal_from_message(id: str, message: MapRemoval) -> Removal:
     return resource_from(
         Removal,
         message,
-        id=str(message.id),
+        id=id,
         since=utc(message.since_ns),
         until=utc(message.until_ns),
         requested=utc(message.stamp_ns),

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from fastapi import APIRouter
 
 from surveilnav import contract
-from surveilnav.bus import clock_ns
+from surveilnav.bus import clock_ns, keep_request_id
 from surveilnav.messages import CameraSearch, CameraSearchReport, ObjectRecord
 from surveilnav.rest import ROOT, SearchedCamera, SearchedRoom, Sighting, Sightings, SightingsRequest
 from surveilnav.services.gateway.bus_requests import request
@@ -39,10 +41,7 @@ class CameraSightings:
             max_s=wanted.max_s,
             rooms=self._rooms.all(wanted.floor),
         )
-        timeout_s = wanted.max_s + _ANSWER_S
-        report: CameraSearchReport = request(
-            self._state.node, "fusion", contract.CAMERA_SEARCH, question, timeout_s=timeout_s
-        ).message
+        report = self._report(question, timeout_s=wanted.max_s + _ANSWER_S)
         self._objects.clear()
         records = self._objects.records(ObjectFilter(wanted.floor, wanted.target))
         found = [r for r in records if r.status != "rejected"]
@@ -62,6 +61,30 @@ class CameraSightings:
             rooms=[SearchedRoom(floor=r.floor, name=r.name, in_view=r.share, cameras=r.cameras) for r in report.rooms],
             complete=report.complete,
         )
+
+    def _report(self, question: CameraSearch, timeout_s: float) -> CameraSearchReport:
+        """What came of a search. One on all floors is put to every fusion service, each of which has floors of its own."""
+        fusions = sorted(self._state.node.alive("fusion"))
+
+        def ask(fusion: str) -> CameraSearchReport | Problem:
+            ids = {"fusion": fusion} if fusion else {}
+            try:
+                row = request(self._state.node, "fusion", contract.CAMERA_SEARCH, question, timeout_s=timeout_s, **ids)
+            except Problem as problem:
+                return problem
+            report: CameraSearchReport = row.message
+            return report
+
+        if question.floor or len(fusions) < 2:
+            answers = [ask("")]
+        else:
+            with ThreadPoolExecutor(len(fusions)) as pool:
+                answers = list(pool.map(keep_request_id(ask), fusions))
+        reports = [answer for answer in answers if not isinstance(answer, Problem)]
+        problems = [answer for answer in answers if isinstance(answer, Problem)]
+        if serious := [p for p in problems if p.name != "no_camera"] or ([] if reports else problems):
+            raise serious[0]
+        return merged(reports)
 
     def _sighting(self, record: ObjectRecord) -> Sighting:
         return resource_from(
@@ -83,6 +106,18 @@ class CameraSightings:
         number = max((i for i, event in enumerate(history) if event.box_px is not None), default=None)
         root = self._state.root
         return None if number is None else f"{root}/floors/{record.floor}/objects/{record.id}/history/{number}.jpg"
+
+
+def merged(reports: Sequence[CameraSearchReport]) -> CameraSearchReport:
+    """The reports of several fusion services, at least one, as a single one."""
+    return CameraSearchReport(
+        stamp_ns=max(report.stamp_ns for report in reports),
+        target=reports[0].target,
+        cameras=[use for report in reports for use in report.cameras],
+        lacking={camera: why for report in reports for camera, why in report.lacking.items()},
+        complete=all(report.complete for report in reports),
+        rooms=[room for report in reports for room in report.rooms],
+    )
 
 
 def router(sightings: CameraSightings) -> APIRouter:

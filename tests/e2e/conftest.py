@@ -126,6 +126,7 @@ def starting(folder: Path, cache: Path) -> Iterator[Callable[..., System]]:
             cameras_file: Path | None = None,
             lighting: str = "flat",
             secure: bool = False,
+            shards: str = "",
         ) -> System:
             environ.setenv("SURVEILNAV_SIM__LIGHTING", lighting)
             home = SimulatedBuilding(SimulationSettings(building=building, cameras=cameras))
@@ -148,6 +149,7 @@ def starting(folder: Path, cache: Path) -> Iterator[Callable[..., System]]:
                 variables["SURVEILNAV_CAMERA__DEPTH"] = "network"  # which is good on rendered pictures
                 names = list(load_cameras(cameras_file).cameras)
             variables["SURVEILNAV_GATEWAY__PORT"] = str(gateway_port)
+            variables["SURVEILNAV_FUSION__SHARDS"] = shards
             security = make_identities(folder / "security", building, names) if secure else None
             stack = exits.enter_context(
                 Stack(

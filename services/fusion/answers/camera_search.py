@@ -80,7 +80,9 @@ class CameraSearchAnswers:
             if (why := self._why_lacking(info, quarantined.get(f"camera/{info.camera}", "")))
         }
         uses = [CameraUse(info.camera, self._n_processed(info), len(info.views)) for info in infos]
-        in_view = self._in_view([room for room in rooms if floor in (None, room.floor)], infos)
+        in_view = self._in_view(
+            [room for room in rooms if floor in (None, room.floor) and self._shard.includes(room.floor)], infos
+        )
         return CameraSearchReport(
             stamp_ns=clock_ns(), target=target, cameras=uses, lacking=lacking, complete=not lacking, rooms=in_view
         )

@@ -223,7 +223,7 @@ def process_event(change: Change[ServiceState], now_ns: int) -> Event:
 def removal_event(change: Change[MapRemoval], now_ns: int) -> Event:
     """What a camera or a robot has contributed is being taken out of the maps, or was, or couldn't be."""
     r = change.now
-    return Event(id=str(r.id), what=change.what, time=utc(now_ns), source=_cut(r.source), message=_cut(r.message))
+    return Event(id=change.id, what=change.what, time=utc(now_ns), source=_cut(r.source), message=_cut(r.message))
 
 
 def presence_event(change: Change[bool], now_ns: int) -> Event:

@@ -9,11 +9,11 @@ from datetime import UTC, datetime
 import msgspec
 import pytest
 
-from surveilnav.bus import clock_ns
+from surveilnav.bus import Answer, Node, Refused, Request, clock_ns
 from surveilnav.cli.main import main
 from surveilnav.client import Client
-from surveilnav.contract import MAP_REVISION
-from surveilnav.messages import Revision
+from surveilnav.contract import MAP_REMOVALS, MAP_REVISION, REMOVE_FROM_MAPS
+from surveilnav.messages import MapRemoval, MapRemovals, Revision
 from tests.waiting import until
 
 pytestmark = pytest.mark.usefixtures("log_apart_from_output")
@@ -160,3 +160,31 @@ def test_a_paused_camera_brings_no_warning(typed, building):
     until(lambda: "paused" in typed("cameras")[1])
     finish_soon(building)
     assert "goes on looking" not in typed("cameras", "remove", "c1", "--from-maps")[2]
+
+
+def test_a_robot_is_removed_from_the_maps_of_every_fusion_service_that_knows_it(client, gateway, building):
+    told: list[MapRemoval] = []
+
+    def remove(request: Request) -> Answer:
+        wanted = request.message
+        if wanted.source != "robot/r1":
+            raise Refused("unknown_source", f"the maps hold no views of {wanted.source}")
+        removal = MapRemoval(
+            stamp_ns=clock_ns(), id=1, source=wanted.source, way="replay", state="done", finished_ns=clock_ns()
+        )
+        told.append(removal)
+        return Answer(removal)
+
+    with Node("fusion", "f2", building.settings) as node:
+        node.serve(REMOVE_FROM_MAPS, remove, fusion="f2")
+        node.serve(MAP_REMOVALS, lambda _: Answer(MapRemovals(stamp_ns=clock_ns(), removals=told)), fusion="f2")
+        until(lambda: gateway.state.node.alive("fusion") == {"f1", "f2"})
+        begun = client.post(REMOVALS, json={"source": "robot/r1"}).json()
+        building.finish_removal()
+        ids = [item["id"] for item in client.get(REMOVALS).json()["items"]]
+        assert {begun["id"], "f2-1"} <= set(ids)
+        assert client.get(f"{REMOVALS}/f2-1").json()["state"] == "done"
+        only_below = client.post(REMOVALS, json={"source": "camera/c1"})
+        assert (only_below.status_code, only_below.json()["id"].partition("-")[0]) == (202, "f1")
+        building.finish_removal()
+        assert client.post(REMOVALS, json={"source": "camera/nobody"}).status_code == 422

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from surveilnav import contract
 from surveilnav import messages as m
-from surveilnav.bus import Answer, Refused, Request, clock_ns
+from surveilnav.bus import Answer, Node, Refused, Request, clock_ns
 from surveilnav.rest import SightingsRequest
 from surveilnav.services.gateway.rooms import Rooms
 from surveilnav.services.gateway.sightings import CameraSightings
+from tests.waiting import until
 
 FILE = """\
 floors:
@@ -99,3 +101,38 @@ def test_a_changed_file_is_read_again_and_a_broken_one_keeps_the_rooms(gateway, 
     os.utime(file, ns=(1, 1))
     assert rooms.name_at("0", 5.0, 1.0) == "larder"
     assert Rooms(gateway.state.node, None).all() == []
+
+
+@pytest.fixture
+def upstairs(building, asked) -> Iterator[list[m.CameraSearch]]:
+    """What a second fusion service was asked, which maps floor 1. It is silent about other floors."""
+    asked_upstairs: list[m.CameraSearch] = []
+
+    def search(request: Request) -> Answer | list[Answer]:
+        wanted: m.CameraSearch = request.message
+        asked_upstairs.append(wanted)
+        if wanted.floor not in ("", "1"):
+            return []
+        if wanted.target == "bed":
+            raise Refused("no_camera", "no camera has announced itself on any floor")
+        report = m.CameraSearchReport(
+            stamp_ns=clock_ns(), target=wanted.target, cameras=[m.CameraUse("c9", 3, 3)], lacking={}, complete=True
+        )
+        return Answer(report)
+
+    with Node("fusion", "f2", building.settings) as node:
+        node.serve(contract.CAMERA_SEARCH, search, fusion="f2")
+        until(lambda: building.planner.alive("fusion") == {"f1", "f2"})
+        yield asked_upstairs
+
+
+def test_a_search_on_all_floors_is_one_of_all_fusion_services(client, gateway, upstairs) -> None:
+    until(lambda: gateway.state.node.alive("fusion") == {"f1", "f2"})
+    found = client.post("/api/v1/sightings", json={"target": "couch", "max_s": 2}).json()
+    assert [camera["id"] for camera in found["cameras"]] == ["c1", "c9"]
+    assert not found["complete"], "one of the two is lacking views"
+    assert client.post("/api/v1/sightings", json={"target": "unicorn"}).status_code >= 400
+    without = client.post("/api/v1/sightings", json={"target": "bed", "max_s": 2}).json()
+    assert [camera["id"] for camera in without["cameras"]] == ["c1"], "that no camera is upstairs is no failure"
+    below = client.post("/api/v1/sightings", json={"target": "couch", "floor": "0", "max_s": 2}).json()
+    assert [camera["id"] for camera in below["cameras"]] == ["c1"]
