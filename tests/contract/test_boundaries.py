@@ -47,7 +47,7 @@ PLANTS = {
         "simulator": "fastapi",
         "simulator/world": "surveilnav.bus",
     },
-    "only the bus knows Zenoh": {"services/camera_node": "zenoh", "cli": "zenoh"},
+    "only the bus and ROS 2's wire know Zenoh": {"services/camera_node": "zenoh", "cli": "zenoh"},
     "cores are pure: no bus, web, clock, environment, log or chance": {
         "services/fusion/core": "time",
         "services/planner/core": "random",

@@ -1,6 +1,6 @@
 """A client of Nav2's action ``NavigateToPose``: sends a goal, follows its feedback, cancels it, and waits for its result.
 
-Source: https://design.ros2.org/articles/actions.html; Nav2's types differ by distribution, and only the fields that all have are used.
+Source: https://design.ros2.org/articles/actions.html. Nav2's types differ by distribution; only fields that all have are used.
 """
 
 from __future__ import annotations
@@ -101,14 +101,14 @@ class NavigateToPose:
         goal = Goal(secrets.token_bytes(16), pose)
         stamped = _stamped(pose)
         wanted = types.make("nav2_msgs/action/NavigateToPose_Goal", pose=stamped, behavior_tree="")
-        request = types.make(
-            "nav2_msgs/action/NavigateToPose_SendGoal_Request", goal_id=_uuid(goal.id), goal=wanted
-        )
+        request = types.make("nav2_msgs/action/NavigateToPose_SendGoal_Request", goal_id=_uuid(goal.id), goal=wanted)
         self._goals[goal.id] = goal  # feedback may come before the answer does
         try:
             response = self._call("send_goal", request, "nav2_msgs/action/NavigateToPose_SendGoal_Response", timeout_s)
             if not response.accepted:
-                raise RosError(f"{self._action} rejects the goal ({pose.x_m:.2f}, {pose.y_m:.2f}) in frame {pose.frame!r}")
+                raise RosError(
+                    f"{self._action} rejects the goal ({pose.x_m:.2f}, {pose.y_m:.2f}) in frame {pose.frame!r}"
+                )
         except Exception:
             del self._goals[goal.id]
             raise
@@ -127,7 +127,7 @@ class NavigateToPose:
         request = types.make("nav2_msgs/action/NavigateToPose_GetResult_Request", goal_id=_uuid(goal.id))
         try:
             service = f"{self._action}/_action/get_result"
-            response = self._session.call_for_bytes(service, request, _RESULT_TIMEOUT_S)
+            response = self._session.call_encoded(service, types.encode(request), _RESULT_TIMEOUT_S)
             # Only the status is read, the byte after CDR's header: what follows differs by distribution.
             status = response[_CDR_HEADER_BYTES] if len(response) > _CDR_HEADER_BYTES else 0
             known = GoalStatus(status) if status in set(GoalStatus) else GoalStatus.UNKNOWN
@@ -165,7 +165,11 @@ class NavigateToPoseServer:
         cancel: Callable[[bytes], bool],
         *,
         action: str = "navigate_to_pose",
-        type_hashes: tuple[str, str, str] = ("RIHS01_" + "0" * 63 + "1", "RIHS01_" + "0" * 63 + "2", "RIHS01_" + "0" * 63 + "3"),
+        type_hashes: tuple[str, str, str] = (
+            "RIHS01_" + "0" * 63 + "1",
+            "RIHS01_" + "0" * 63 + "2",
+            "RIHS01_" + "0" * 63 + "3",
+        ),
     ) -> None:
         self._accept, self._cancel = accept, cancel
         self._results: dict[bytes, GoalResult] = {}

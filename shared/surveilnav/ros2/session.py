@@ -113,7 +113,7 @@ class RosSession:
         for kept in reversed(self._kept):
             with suppress(zenoh.ZError):
                 kept.undeclare()
-        self.zenoh.close()
+        self.zenoh.close()  # type: ignore[no-untyped-call]
 
     # --- topics ---------------------------------------------------------------------------------------------------
 
@@ -171,11 +171,13 @@ class RosSession:
     # --- services -------------------------------------------------------------------------------------------------
 
     def call(self, service: str, request: Any, response_type: str, timeout_s: float) -> Any:
-        """Calls a service and returns its response. Raises what ``call_for_bytes`` does, or WireError: it can't be read."""
-        return types.decode(self.call_for_bytes(service, request, timeout_s), response_type)
+        """Calls a service and returns its response. Raises what ``call_encoded`` does, or WireError: it can't be read."""
+        return types.decode(self.call_encoded(service, types.encode(request), timeout_s), response_type)
 
-    def call_for_bytes(self, service: str, request: Any, timeout_s: float) -> bytes:
-        """Calls a service and returns its response as CDR. The service's type and hash are those of its server's token.
+    def call_encoded(self, service: str, request: bytes, timeout_s: float) -> bytes:
+        """Calls a service with a request as CDR, and returns its response as CDR.
+
+        The service's type and hash are those of its server's token.
 
         Raises:
             RosError: no such service is there, or it doesn't answer in time, or with an error.
@@ -187,7 +189,7 @@ class RosSession:
         attachment = Attachment(1, time.time_ns(), gid_of(client))
         replies = self.zenoh.get(
             server.data_key(),
-            payload=types.encode(request),
+            payload=request,
             encoding=_CDR,
             attachment=attachment.encode(),
             target=zenoh.QueryTarget.ALL_COMPLETE,
@@ -197,7 +199,8 @@ class RosSession:
             if reply.ok is not None:
                 response: bytes = reply.ok.payload.to_bytes()
                 return response
-            raise RosError(f"service {name} answers with an error: {reply.err.payload.to_string()[:200]}")
+            why = reply.err.payload.to_string()[:200] if reply.err is not None else "none"
+            raise RosError(f"service {name} answers with an error: {why}")
         raise RosError(f"service {name} didn't answer within {timeout_s:g} s")
 
     def serve(
@@ -218,9 +221,7 @@ class RosSession:
                     asked = Attachment.decode(query.attachment.to_bytes() if query.attachment is not None else b"")
                     response = handler(types.decode(query.payload.to_bytes() if query.payload else b"", request_type))
                     attachment = Attachment(asked.sequence, time.time_ns(), asked.gid)
-                    query.reply(
-                        query.key_expr, types.encode(response), encoding=_CDR, attachment=attachment.encode()
-                    )
+                    query.reply(query.key_expr, types.encode(response), encoding=_CDR, attachment=attachment.encode())
             except WireError as error:
                 self.on_fault(f"{name}: {error}")
 

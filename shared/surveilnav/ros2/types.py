@@ -43,7 +43,9 @@ def decode(data: bytes, type_name: str) -> Any:
     try:
         return _store().deserialize_cdr(data, name)
     except Exception as error:  # rosbags raises whatever a truncated buffer makes its generated code raise
-        raise WireError(f"expected a {type_name} of {len(data)} bytes as CDR: {type(error).__name__} {error}") from error
+        raise WireError(
+            f"expected a {type_name} of {len(data)} bytes as CDR: {type(error).__name__} {error}"
+        ) from error
 
 
 def type_hash(type_name: str) -> str:
