@@ -28,9 +28,10 @@ from surveilnav.services.fusion.core import JointMap
 from surveilnav.services.fusion.map_log.log import MapLog
 from surveilnav.services.fusion.perceived import PerceivedView
 from tests.fusion_run import RANGE_M, FakeNode, perceived_view
+from tests.world import World
 
 _LENS = Pinhole.from_hfov(160, 120, math.radians(90))
-_SIZE_M = np.array([18.0, 12.0, 2.8])
+_SIZE_M = (18.0, 12.0, 2.8)
 _ROBOT_S, _CAMERA_S, _MOVED_S = 20.0, 120.0, 3 * 3600.0
 _LABELS = ("couch", "chair", "bed")
 _ROW_H = 3
@@ -47,31 +48,19 @@ class Storey:
         """What a source at (x, y, height [m], yaw, pitch [rad]) sees and finds ``at_s`` seconds after the beginning."""
         x, y, height_m, yaw, pitch = pose
         T = camera_pose((x, y, height_m), yaw, pitch)
-        depth_m, shown = self._depth(T, int(at_s // _MOVED_S))
+        depth_m, shown = self._world(int(at_s // _MOVED_S)).depth(T, _LENS)
         depth_m = depth_m * (1 + 0.005 * self._rng.standard_normal(depth_m.shape)).astype(np.float32)
         rgb = np.repeat((60 * (shown + 2) % 256).astype(np.uint8)[..., None], 3, axis=-1)
         view = PosedView(source, 0, seq, int(1e9 * (1 + at_s)), "0", T, _LENS, height_m, rgb, depth_m, RANGE_M)
         digest = seq.to_bytes(8, "big") + source.encode()[-8:].rjust(8)
         return perceived_view(view, ViewPerception("b", self._found(shown), self._embeddings[3]), digest)
 
-    def _boxes(self, period: int) -> list[tuple[np.ndarray, np.ndarray]]:
+    def _world(self, period: int) -> World:
+        """The room with the boxes where they stand in a period of three hours."""
         rng = np.random.default_rng(1000 + period)
-        lows = [np.array([x + rng.uniform(0, 2), rng.uniform(1, 9), 0.0]) for x in (2.0, 8.0, 13.0)]
-        return [(low, low + np.array([1.6, 0.9, 0.8])) for low in lows]
-
-    def _depth(self, T: np.ndarray, period: int) -> tuple[np.ndarray, np.ndarray]:
-        rays = _LENS.rays().astype(np.float64) @ T[:3, :3].T
-        origin = T[:3, 3]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            inverse = 1.0 / rays
-            depth = np.nanmin(np.where(rays > 0, (_SIZE_M - origin) * inverse, -origin * inverse), axis=-1)
-            shown = np.full(depth.shape, -1)
-            for k, (low, high) in enumerate(self._boxes(period)):
-                a, b = (low - origin) * inverse, (high - origin) * inverse
-                enter, leave = np.minimum(a, b).max(axis=-1), np.maximum(a, b).min(axis=-1)
-                hit = (enter < leave) & (enter > 0) & (enter < depth)
-                depth, shown = np.where(hit, enter, depth), np.where(hit, k, shown)
-        return depth.astype(np.float32), shown
+        places = [(x + rng.uniform(0, 2), rng.uniform(1, 9)) for x in (2.0, 8.0, 13.0)]
+        boxes = {label: ((x, y, 0.0), (x + 1.6, y + 0.9, 0.8)) for label, (x, y) in zip(_LABELS, places, strict=True)}
+        return World(((0.0, 0.0, 0.0), _SIZE_M), boxes)
 
     def _found(self, shown: np.ndarray) -> tuple[DetectedObject, ...]:
         found = []

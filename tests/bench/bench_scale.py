@@ -43,7 +43,7 @@ from surveilnav.contract import (
 from surveilnav.geometry import Pinhole, Pose, base_pose, camera_pose
 from surveilnav.messages import CameraSummary, InferReply, Observation, RobotStatus, StreamStatus, WorkerLoad
 from surveilnav.messages.base import Message
-from surveilnav.sensing.packing import encode_rgbd
+from surveilnav.sensing.packing import encode_rgbd, pack_embedding
 from surveilnav.services.camera_node.config import CameraSettings
 from surveilnav.services.camera_node.service import CameraService
 from surveilnav.services.camera_node.sources.source import Picture, Place
@@ -274,6 +274,7 @@ def repeat(node: Node, publisher: Publisher, message: Callable[[], Message]) -> 
 
 def serve_perception(node: Node) -> None:
     """A worker that sees nothing, at once."""
+    embedding = pack_embedding(np.eye(1, 512, dtype=np.float32)[0])
 
     def load() -> WorkerLoad:
         return WorkerLoad(stamp_ns=clock_ns(), worker="w", backend="none", why="", queued=0, capacity=4, latency_ms=1.0)
@@ -289,7 +290,7 @@ def serve_perception(node: Node) -> None:
                 view=m.view,
                 seq=m.seq,
                 detections=[],
-                image_embedding=b"",
+                image_embedding=embedding,
             )
         )
 
