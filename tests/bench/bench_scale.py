@@ -7,8 +7,8 @@ every five seconds, as a building's cameras do while no robot is near; nobody as
 one floor are invoked at once, because a robot stands there, and each sends the picture of its view. Perception answers at once
 that it sees nothing, so that fusion and the bus are measured.
 
-Router, fusion, planner and gateway are processes of their own, as in a building, and what they cost is their processor time, which other
-load changes little. The cameras run on the same machine and share its processors with them: waiting is due to them, too.
+Router, fusion, planner and gateway are processes of their own, as in a building. What they cost is their processor time, which
+other load changes little. The cameras run on the same machine and share its processors with them: waiting is due to them, too.
 """
 
 from __future__ import annotations
