@@ -6,13 +6,16 @@ import contextlib
 import math
 import multiprocessing
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from multiprocessing.synchronize import Event
 
 import numpy as np
+import zenoh
 
 from surveilnav.bus import BusSettings, Node, clock_ns
-from surveilnav.contract import CAMERA_SUMMARY
+from surveilnav.bus.connection import encoding_of
+from surveilnav.bus.wire import encode
+from surveilnav.contract import CAMERA_SUMMARY, LIVELINESS
 from surveilnav.geometry import Matrix4, Pinhole, Pose, camera_pose
 from surveilnav.messages import CameraSummary, StreamStatus
 from surveilnav.services.camera_node.config import CameraSettings
@@ -82,15 +85,42 @@ def run_cameras(numbers: range, n_floors: int, step_s: float, bus: BusSettings, 
                 next_summary_s += SUMMARY_S
 
 
+def run_sessions(numbers: range, n_floors: int, step_s: float, bus: BusSettings, ready: Event, stop: Event) -> None:
+    """Bare sessions in one process that are present and publish summaries, as cameras without anything else to do."""
+    sessions, kept = [], []
+    for number in numbers:
+        ids = {"floor": str(number % n_floors), "camera": f"c{number}"}
+        session = zenoh.open(zenoh.Config.from_json5(bus.client_config()))
+        token = LIVELINESS.format(building=bus.building, kind="camera", id=ids["camera"])
+        kept.append(session.liveliness().declare_token(token))
+        publisher = session.declare_publisher(CAMERA_SUMMARY.key_for(building=bus.building, **ids))
+        sessions.append((session, publisher, ids))
+    ready.set()
+    next_s = time.monotonic() + SUMMARY_S * np.arange(len(sessions)) / len(sessions)
+    while not stop.wait(step_s):
+        for k in np.nonzero(next_s <= time.monotonic())[0]:
+            _, publisher, ids = sessions[k]
+            message = CameraSummary(stamp_ns=clock_ns(), labels={"chair": 0.5, "tv": 0.7}, **ids)
+            publisher.put(encode(message), encoding=encoding_of(CameraSummary))
+            next_s[k] += SUMMARY_S
+    for session, _, _ in sessions:
+        session.close()
+
+
 @contextlib.contextmanager
-def cameras(n: int, n_floors: int, bus: BusSettings, step_s: float = 0.1) -> Iterator[list[int]]:
-    """Runs cameras c0, c1, …, distributed to the floors "0", "1", …; yields the ids of their processes."""
+def cameras(
+    n: int, n_floors: int, bus: BusSettings, step_s: float = 0.1, run: Callable[..., None] = run_cameras
+) -> Iterator[list[int]]:
+    """Runs cameras c0, c1, …, distributed to the floors "0", "1", …; yields the ids of their processes.
+
+    ``run``: ``run_cameras``, or ``run_sessions`` for bare sessions.
+    """
     context = multiprocessing.get_context("spawn")
     stop, processes = context.Event(), []
     for first in range(0, n, _PER_PROCESS):
         ready = context.Event()
         numbers = range(first, min(first + _PER_PROCESS, n))
-        processes.append(context.Process(target=run_cameras, args=(numbers, n_floors, step_s, bus, ready, stop)))
+        processes.append(context.Process(target=run, args=(numbers, n_floors, step_s, bus, ready, stop)))
         processes[-1].start()
         if not ready.wait(_PATIENCE_S):
             raise SystemExit(f"cameras {numbers} didn't start within {_PATIENCE_S:.0f} s")

@@ -1,6 +1,8 @@
 """How far one router, one fusion and one gateway go: cameras that only say what they see, and cameras that are invoked.
 
-    python -m tests.bench.bench_scale [--light 100 300 1000] [--invoked 16 64 200]
+    python -m tests.bench.bench_scale [--sessions 100 1000] [--light 100 300] [--invoked 16 64 200]
+
+``sessions``: the router alone, with so many bare sessions that are present and publish a summary every five seconds.
 
 ``light``: so many cameras, each with a bus session of its own, describe themselves, report their traffic and publish a summary
 every five seconds, as a building's cameras do while no robot is near; nobody asks for a picture. ``invoked``: so many cameras of
@@ -30,6 +32,7 @@ import numpy as np
 from surveilnav.bus import Answer, BusSettings, Node, Publisher, Received, clock_ns
 from surveilnav.bus.router import free_port
 from surveilnav.contract import (
+    CAMERA_REQUEST,
     CAMERA_SUMMARY,
     MAP_REVISION,
     PERCEPTION_INFER,
@@ -43,7 +46,7 @@ from surveilnav.messages import CameraSummary, InferReply, Observation, RobotSta
 from surveilnav.messages.base import Message
 from surveilnav.sensing.packing import encode_rgbd, pack_embedding
 from tests.measured_processes import MeasuredProcess, cpu_s, processes
-from tests.still_cameras import LENS, RANGE_M, SUMMARY_S, cameras, room_from_inside
+from tests.still_cameras import LENS, RANGE_M, SUMMARY_S, cameras, room_from_inside, run_sessions
 
 _FLOORS = 10
 _PATIENCE_S = 240.0
@@ -124,6 +127,36 @@ def messages(node: Node) -> int:
     return sum(row.messages for report in reports for row in report.rows if row.direction == "delivered")
 
 
+def measure_sessions(n: int, seconds: float) -> str:
+    """A row of the table of bare sessions."""
+    with tempfile.TemporaryDirectory() as folder:
+        bus = BusSettings(router=f"tcp/127.0.0.1:{free_port()}", building="scale", connect_timeout_s=60)
+        commands = {"router": ["surveilnav.bus.router", "--listen", bus.router]}
+        with (
+            processes(commands, {}, folder) as services,
+            Node("test", "bench", bus, alive=False) as node,
+        ):
+            node.alive("camera")  # the first call begins to follow presence
+            router, began_s = services["router"], time.monotonic()
+            with cameras(n, _FLOORS, bus, 0.1, run_sessions) as pids:
+                up_s = time.monotonic() - began_s
+                time.sleep(SUMMARY_S)
+                n_alive, summaries = len(node.alive("camera")), SummaryTimes(node)
+                spent_s, cameras_s, n_bytes = router.cpu_s(), sum(map(cpu_s, pids)), router_bytes(bus)
+                began_s = time.monotonic()
+                time.sleep(seconds)
+                took_s = time.monotonic() - began_s
+                share, cameras_share = (router.cpu_s() - spent_s) / took_s, (sum(map(cpu_s, pids)) - cameras_s) / took_s
+                kb_s, memory = (router_bytes(bus) - n_bytes) / took_s / 1000, router.memory_mib()
+                n_after = len(node.alive("camera"))
+    median, p99 = 1000 * np.percentile(summaries.times_s, [50, 99])
+    return (
+        f"| {n} | {up_s:.0f} s | {n_alive}, {n_after} | {100 * share:.0f} %, {memory:.0f} MiB "
+        f"| {len(summaries.times_s) / took_s:.0f} | {kb_s:.0f} kB | {median:.1f} ms, {p99:.0f} ms "
+        f"| {100 * cameras_share:.0f} %, {os.getloadavg()[0]:.0f} |"
+    )
+
+
 def measure_light(n: int, seconds: float) -> str:
     """A row of the table of cameras that only say what they see."""
     with tempfile.TemporaryDirectory() as folder:
@@ -183,8 +216,11 @@ def measure_invoked(n: int) -> str:
             all_s = first_s + wait_for(lambda: processed() >= n, f"{n} views")
             spent_s = {name: s.cpu_s() - before_s[name] for name, s in services.items()}
             memory = {name: s.memory_mib() for name, s in services.items()}
+            report = robot.ask(TRAFFIC, node="fusion-fusion").message
+            requests = [row for row in report.rows if CAMERA_REQUEST.ids_of(row.key)]
+            again = sum(row.messages for row in requests if row.direction == "offered")
     costs = " | ".join(f"{1000 * spent_s[name] / n:.0f} ms | {memory[name]:.0f} MiB" for name in ("router", "fusion"))
-    return f"| {n} | {first_s:.1f} s | {all_s:.1f} s | {n / all_s:.1f} | {costs} | {os.getloadavg()[0]:.0f} |"
+    return f"| {n} | {first_s:.1f} s | {all_s:.1f} s | {n / all_s:.1f} | {costs} | {again} | {os.getloadavg()[0]:.0f} |"
 
 
 def repeat(node: Node, publisher: Publisher, message: Callable[[], Message]) -> None:
@@ -257,23 +293,29 @@ def observe(node: Node) -> None:
     )
 
 
+_SESSIONS = (
+    "| sessions | all started | present, and at the end | router | summaries a second | bytes a second "
+    "| a summary, median, 99 % | the sessions, load |\n" + "|---" * 8 + "|"
+)
 _LIGHT = (
     "| cameras | all started | all listed after | router | fusion | planner | gateway | messages a second "
     "| bytes a second | a summary, median, 99 % | a page of 50 cameras | the cameras, load |\n" + "|---" * 12 + "|"
 )
 _INVOKED = (
-    "| invoked | first view in the maps | all | views a second | router, per view | | fusion, per view | | load |\n"
-    "|---|---|---|---|---|---|---|---|---|"
+    "| invoked | first view in the maps | all | views a second | router, per view | | fusion, per view | | asked again | load |\n"
+    "|---|---|---|---|---|---|---|---|---|---|"
 )
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--light", type=int, nargs="*", default=[100, 300, 1000])
+    parser.add_argument("--sessions", type=int, nargs="*", default=[100, 1000])
+    parser.add_argument("--light", type=int, nargs="*", default=[100, 300])
     parser.add_argument("--invoked", type=int, nargs="*", default=[16, 64, 200])
     parser.add_argument("--seconds", type=float, default=20.0)
     args = parser.parse_args()
     tables: Mapping[str, tuple[list[int], Callable[[int], str]]] = {
+        _SESSIONS: (args.sessions, lambda n: measure_sessions(n, args.seconds)),
         _LIGHT: (args.light, lambda n: measure_light(n, args.seconds)),
         _INVOKED: (args.invoked, measure_invoked),
     }

@@ -13,7 +13,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import multiprocessing
-import resource
+import os
 import tempfile
 import time
 from dataclasses import dataclass, field
@@ -31,7 +31,7 @@ from surveilnav.sensing.packing import encode_rgbd
 from surveilnav.services.camera_node.sources.readers.reader import StreamError
 from surveilnav.services.camera_node.sources.readers.rtsp import RtspReader
 from tests import streams
-from tests.measured_processes import processes
+from tests.measured_processes import memory_mib, processes
 
 #: Name, size, pictures a second.
 KINDS = (("main stream", (1920, 1080), 15), ("HD", (1280, 720), 15), ("substream", (640, 360), 5))
@@ -73,7 +73,7 @@ def read(address: str, number: int, seconds: float, bus: BusSettings | None, res
         began_cpu_s, began_s = time.process_time(), time.monotonic()
         _read_until(began_s + seconds, reader, number, node, result)
         result.share = (time.process_time() - began_cpu_s) / (time.monotonic() - began_s)
-    result.memory_mib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+        result.memory_mib = memory_mib(os.getpid())
     results.put(result)
 
 
