@@ -113,13 +113,14 @@ def cameras(
 ) -> Iterator[list[int]]:
     """Runs cameras c0, c1, …, distributed to the floors "0", "1", …; yields the ids of their processes.
 
-    ``run``: ``run_cameras``, or ``run_sessions`` for bare sessions.
+    ``run``: ``run_cameras``, or ``run_sessions`` for bare sessions, which need no threads of Python.
     """
+    per_process = 250 if run is run_sessions else _PER_PROCESS
     context = multiprocessing.get_context("spawn")
     stop, processes = context.Event(), []
-    for first in range(0, n, _PER_PROCESS):
+    for first in range(0, n, per_process):
         ready = context.Event()
-        numbers = range(first, min(first + _PER_PROCESS, n))
+        numbers = range(first, min(first + per_process, n))
         processes.append(context.Process(target=run, args=(numbers, n_floors, step_s, bus, ready, stop)))
         processes[-1].start()
         if not ready.wait(_PATIENCE_S):
