@@ -212,6 +212,9 @@ class PerceptionClient:
             except (Refused, WireError) as error:
                 pause_s = _pause_s(error, pause_s)
                 attempts += not _is_transient(error, lane is self._robots)
+                if attempts == _MAX_ATTEMPTS:
+                    why = f"the maps take it without detections, because perception can't tell: {error}"
+                    self._node.reject("view.not_perceived", f"{header.source} view {header.view}: {why}")
                 if lane is self._robots:  # a camera's view may wait, which is no outage
                     lane.problem = f"perception can't tell what {header.source} sees: {error}"
             except (BusError, PerceptionError) as error:

@@ -16,6 +16,7 @@ import signal
 import socket
 import sys
 import threading
+from collections.abc import Sequence
 from pathlib import Path
 
 import zenoh
@@ -34,23 +35,29 @@ from surveilnav.errors import BusError, ConfigError, SurveilNavError, explain_se
 _THREADS = "(rx: (worker_threads: 8), tx: (worker_threads: 8))"
 
 
-def open_router(listen: str, files: TlsFiles | None = None, access: Path | None = None) -> zenoh.Session:
+def open_router(
+    listen: str, files: TlsFiles | None = None, access: Path | None = None, connect: Sequence[str] = ()
+) -> zenoh.Session:
     """Opens a router that listens at ``tcp/HOST:PORT``, or at ``tls/HOST:PORT`` with an identity and access rules.
 
     Close the session to end it.
 
+    Args:
+        connect: endpoints of other routers, with which it makes one bus. They needn't be there yet.
+
     Raises:
-        BusError: the endpoint is malformed, the port is taken, or the host isn't this machine's.
+        BusError: an endpoint is malformed, the port is taken, or the host isn't this machine's.
         ConfigError: something is wrong with the identity's files or the rules, or one is there without the other.
     """
     try:
         host, port = host_and_port(listen)
     except ValueError as error:
         raise BusError(f"the router's --listen: {error}, got {listen!r}") from None
+    _check_joined(listen, connect)
     rules = _secured(listen, files, access)
     _check_free(host, port)
     try:
-        config = zenoh.Config.from_json5(router_config(listen, files, rules))
+        config = zenoh.Config.from_json5(router_config(listen, files, rules, connect))
     except zenoh.ZError as error:
         raise ConfigError(
             f"Zenoh can't read the access rules {access}: `surveilnav security rules` makes them anew ({error})"
@@ -96,6 +103,19 @@ def _secured(listen: str, files: TlsFiles | None, access: Path | None) -> dict[s
     return rules
 
 
+def _check_joined(listen: str, connect: Sequence[str]) -> None:
+    """Raises BusError if an endpoint of another router is malformed, or is encrypted where this one isn't."""
+    for endpoint in connect:
+        try:
+            host_and_port(endpoint)
+        except ValueError as error:
+            raise BusError(f"the router's --connect: {error}, got {endpoint!r}") from None
+        if is_encrypted(endpoint) != is_encrypted(listen):
+            raise BusError(
+                f"joined routers are all at tcp/ or all at tls/: this one listens at {listen}, got {endpoint}"
+            )
+
+
 def _check_free(host: str, port: int) -> None:
     """Raises BusError if the port is taken, which Zenoh's own error doesn't say."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
@@ -128,6 +148,13 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument(
         "--access", type=Path, help="the access rules, with tls/: access.json of `surveilnav security init`"
     )
+    parser.add_argument(
+        "--connect",
+        action="append",
+        default=[],
+        metavar="ENDPOINT",
+        help="another machine's router, tcp/HOST:PORT or tls/HOST:PORT, to make one bus with; may be given several times",
+    )
     parser.add_argument("--config", type=Path, help="a Zenoh JSON5 file instead of the built-in settings")
     arguments = parser.parse_args(argv)
     logs.configure()
@@ -142,7 +169,7 @@ def main(argv: list[str] | None = None) -> int:
                 raise ConfigError(f"no such router configuration: {arguments.config}")
             session = zenoh.open(zenoh.Config.from_file(str(arguments.config)))
         else:
-            session = open_router(arguments.listen, _identity(arguments.listen), arguments.access)
+            session = open_router(arguments.listen, _identity(arguments.listen), arguments.access, arguments.connect)
     except ValidationError as error:
         print(explain_settings_error(error), file=sys.stderr)
         return 1

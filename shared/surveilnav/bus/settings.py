@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
@@ -146,17 +147,25 @@ def _transport(lease_ms: int, wait_ms: int, files: TlsFiles | None, **sending: i
     return {"shared_memory": {"enabled": False}, "unicast": {"max_links": 4}, "link": link}
 
 
-def router_config(listen: str, files: TlsFiles | None = None, access: dict[str, object] | None = None) -> str:
+def router_config(
+    listen: str,
+    files: TlsFiles | None = None,
+    access: dict[str, object] | None = None,
+    connect: Sequence[str] = (),
+) -> str:
     """Zenoh's configuration (JSON5) for the router; zenohd takes the same. Without scouting, it needs no delay at the start.
 
     Args:
         files: the router's identity; None: no security.
         access: Zenoh's ``access_control``; see ``surveilnav.security.access``.
+        connect: endpoints of other routers that it joins, and joins again when they come back.
     """
+    join: dict[str, object] = {"endpoints": list(connect), "retry": {"period_init_ms": 200, "period_max_ms": 2000}}
     return json.dumps(
         {
             "mode": "router",
             "listen": {"endpoints": [listen]},
+            **({"connect": join} if connect else {}),
             "scouting": {"delay": 0, "multicast": {"enabled": False}, "gossip": {"enabled": False}},
             "adminspace": {"enabled": True},
             "transport": _transport(_LEASE_MS, _ROUTER_WAIT_MS, files, keep_alive=_ROUTER_KEEP_ALIVE),

@@ -12,7 +12,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 from surveilnav import contract
 from surveilnav.contract import INSTANCE, LIVELINESS, ROOT, ROUTER, SIMULATION, STREAMS, Stream
@@ -125,6 +125,8 @@ def may_read(kind: Kind, stream: Stream, simulation: bool = False) -> bool:
 def rules_of(identity: Identity, building: str, *, simulation: bool = False) -> list[Rule]:
     """What an identity may do. ``simulation``: whether the truth channel exists."""
     streams = [s for s in STREAMS if simulation or s not in SIMULATION]
+    if identity.kind == "router":
+        return _joined_router_rules(streams, building)
     owned = [s for s in streams if may_own(identity.kind, s)]
     read = [s for s in streams if may_read(identity.kind, s, simulation)]
     rules = [
@@ -145,6 +147,14 @@ def rules_of(identity: Identity, building: str, *, simulation: bool = False) -> 
         *_presence_rules(identity, building),
     ]
     return [rule for rule in rules if rule.keys]
+
+
+def _joined_router_rules(streams: Iterable[Stream], building: str) -> list[Rule]:
+    """Between joined routers everything of the building passes: each applies the rules to those who are connected to it."""
+    presence = [LIVELINESS.format(building=building, kind="*", id="*"), ROUTER.format(contract="*", release="*")]
+    presence.append(INSTANCE.format(building=building, kind="*", id="*", zid="*"))
+    keys = [every_key(s, building) for s in streams]
+    return [_rule(flow, get_args(Message), keys + presence) for flow in get_args(Flow)]
 
 
 def _presence_rules(identity: Identity, building: str) -> list[Rule]:

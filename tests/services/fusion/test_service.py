@@ -310,6 +310,20 @@ def test_surveillance_can_be_switched_off(scene):
     assert scene.revision().cameras == []
 
 
+def test_a_view_that_perception_can_not_tell_about_is_taken_without_detections_and_named(scene):
+    worker = scene.worker()
+    reply = worker.reply
+    worker.reply = lambda *view: msgspec.structs.replace(
+        reply(*view), image_embedding=b""
+    )  # decodes, and is no embedding
+    scene.start()
+    seq = scene.robot.observe()
+    until(lambda: scene.holds(seq))
+    assert len(worker.seen) == 3
+    assert scene.node.traffic.rejected() == {"view.not_perceived": 1}
+    assert scene.client.ask(contract.OBJECTS, floor="0").message.objects == []
+
+
 def test_an_observation_waits_for_perception_to_come_back(scene):
     scene.start()
     seq = scene.robot.observe()

@@ -99,6 +99,8 @@ BUILDING = "b"
 PEOPLE = [Identity(kind) for kind in KINDS if kind not in NAMED] + [
     Identity(kind, id) for kind in ("camera", "robot", "viewer") for id in ("x", "y")
 ]
+#: Those with work of their own; a router passes on what others do.
+NODES = [identity for identity in PEOPLE if identity.kind != "router"]
 
 
 def allows(rules: list[Rule], flow: str, message: str, key: str) -> bool:
@@ -118,7 +120,7 @@ def key(stream: Stream, camera: str = "x", robot: str = "x", node: str = "fusion
     return stream.key_for(**{f: v for f, v in (ids | {"source": source}).items() if f in stream.fields})
 
 
-@pytest.mark.parametrize("identity", PEOPLE, ids=lambda identity: identity.name)
+@pytest.mark.parametrize("identity", NODES, ids=lambda identity: identity.name)
 def test_the_rules_say_what_the_table_says(identity):
     rules = rules_of(identity, BUILDING, simulation=True)
     for stream in STREAMS:
@@ -166,6 +168,16 @@ def test_nobody_may_do_everything(identity):
         assert not allows(rules, flow, message, "surveilnav/1/other/map_revision/0")
 
 
+def test_between_joined_routers_everything_of_the_building_passes():
+    rules = rules_of(Identity("router"), BUILDING)
+    for flow in ("ingress", "egress"):
+        for stream in (s for s in STREAMS if s not in SIMULATION):
+            for message in ("put", "declare_subscriber", "query", "reply", "declare_queryable"):
+                assert allows(rules, flow, message, stream.key_for(building=BUILDING)), (stream.name, message)
+        for message in ("liveliness_token", "liveliness_query", "declare_liveliness_subscriber"):
+            assert allows(rules, flow, message, LIVELINESS.format(building=BUILDING, kind="camera", id="x"))
+
+
 def test_outside_simulation_nobody_has_the_truth():
     told = json.dumps(access_control(PEOPLE, BUILDING))
     assert "truth" not in told
@@ -174,7 +186,7 @@ def test_outside_simulation_nobody_has_the_truth():
     assert not may_read("robot", next(s for s in STREAMS if s.name == "mission_status"))
 
 
-@pytest.mark.parametrize("identity", PEOPLE, ids=lambda identity: identity.name)
+@pytest.mark.parametrize("identity", NODES, ids=lambda identity: identity.name)
 def test_each_announces_itself_alone(identity):
     rules = rules_of(identity, BUILDING)
     said = {
@@ -182,7 +194,7 @@ def test_each_announces_itself_alone(identity):
         for kind, id in product(("camera", "robot", "planner", "fusion", "gateway", "router", "viewer"), ("x", "y"))
         if allows(rules, "ingress", "liveliness_token", LIVELINESS.format(building=BUILDING, kind=kind, id=id))
     }
-    if identity.kind in ("router", "viewer", "supervisor", "recorder", "perception"):
+    if identity.kind in ("viewer", "supervisor", "recorder", "perception"):
         expected: set[tuple[str, str]] = set()
     elif identity.kind == "cameras":
         expected = {("camera", "x"), ("camera", "y")}
@@ -216,7 +228,7 @@ def test_the_router_reads_what_is_written():
 
 
 def test_who_announces_itself_may_look_whether_its_name_is_taken_and_no_others():
-    for identity in PEOPLE:
+    for identity in NODES:
         rules = rules_of(identity, BUILDING)
         announces = identity.kind in OWNERS["every node"]
         kind = "camera" if identity.kind == "cameras" else identity.kind
