@@ -65,7 +65,10 @@ def points_to_fit(p_world: NDArray[np.float64], p_camera: NDArray[np.float64], f
     """Of the points (N, 3) that a camera has measured, those that ``fit_pose`` compares: about 1,500 [m, world]."""
     near = np.linalg.norm(p_world[:, :2] - p_camera[:2], axis=1) < _MAX_RANGE_M
     points = _between(p_world[near], floor_z_m)
-    return points[np.linspace(0, len(points) - 1, min(len(points), _MAX_POINTS)).round().astype(int)]
+    chosen: NDArray[np.float64] = points[
+        np.linspace(0, len(points) - 1, min(len(points), _MAX_POINTS)).round().astype(int)
+    ]
+    return chosen
 
 
 def fit_pose(
@@ -98,7 +101,7 @@ def fit_pose(
     )
     next_share = float(scores[elsewhere].max()) / max(float(scores[k, i, j]), 1e-9)
     fine = _Layers(others, p, reach_m, floor_z_m, _FINE_M, _FINE_SIGMA_M)
-    near = yaw_rad + np.arange(-4, 5) * _FINE_RAD
+    near = np.asarray(yaw_rad + np.arange(-4, 5) * _FINE_RAD, np.float64)
     n_y, n_x = round(y_m / _FINE_M), round(x_m / _FINE_M)
     fine_scores = fine.scores(mine, near, n_y, n_x, round(1.5 * _COARSE_M / _FINE_M))
     a, b, c = np.unravel_index(int(np.argmax(fine_scores)), fine_scores.shape)

@@ -62,6 +62,7 @@ class _Camera:
         place: where it stands by its description, and the altitude of its floor: (x, y, floor) [m, world]; () if unknown.
         points_cm: what it had measured when others looked through it [cm, world], as long as a correction is looked for.
         n_compared: how often it might have been compared with what others have measured since then.
+        correction: by what its yaw [rad], x and y [m] must be changed; () if that isn't known.
         why: why the camera isn't believed; "" if it is.
     """
 
@@ -73,6 +74,7 @@ class _Camera:
     place: tuple[float, ...] = ()
     points_cm: list[list[int]] = field(default_factory=list)
     n_compared: int = 0
+    correction: tuple[float, ...] = ()
     why: str = ""
 
     @classmethod
@@ -85,6 +87,7 @@ class _Camera:
             place=tuple(state.get("place", ())),
             points_cm=state.get("points_cm", []),
             n_compared=state.get("n_compared", 0),
+            correction=tuple(state.get("correction", ())),
             **{name: state[name] for name in ("n_refused", "n_pictures", "why")},
         )
 
@@ -116,6 +119,7 @@ class _Camera:
         found = fit_pose(0.01 * np.array(self.points_cm), measured_by_others(), np.array([x_m, y_m]), floor_z_m)
         if found is not None and found.is_clear:
             self.why += f". {_correction_in_words(found, x_m, y_m)}"
+            self.correction = found.yaw_rad, found.x_m, found.y_m
             self.points_cm = []
         elif self.n_compared >= _MAX_COMPARED:
             self.points_cm = []
@@ -128,6 +132,7 @@ class _Camera:
             "place": list(self.place),
             "points_cm": self.points_cm,
             "n_compared": self.n_compared,
+            "correction": list(self.correction),
             **{name: getattr(self, name) for name in ("n_refused", "n_pictures", "why")},
         }
 
@@ -204,6 +209,10 @@ class Quarantine:
     def reasons(self) -> dict[str, str]:
         """By source, why a camera isn't believed."""
         return {source: camera.why for source, camera in self._cameras.items() if camera.why}
+
+    def corrections(self) -> dict[str, tuple[float, ...]]:
+        """By source, by what a camera's yaw [rad], x and y [m] must be changed, where that was found."""
+        return {source: camera.correction for source, camera in self._cameras.items() if camera.correction}
 
     def forget(self, source: str) -> None:
         """Forgets what a camera's views have shown, so that it is believed until they show it again."""
