@@ -21,6 +21,7 @@ import yaml
 
 from surveilnav.errors import ConfigError
 from surveilnav.geometry.polygon import MAX_CORNERS, MAX_ZONES, Polygon, polygon_fault
+from surveilnav.yaml_file import ShallowLoader
 
 #: By view, its polygons.
 Zones = Mapping[int, Sequence[Polygon]]
@@ -59,7 +60,7 @@ def read_zones(
 # --- the file -------------------------------------------------------------------------------------------------
 
 
-class _Loader(yaml.SafeLoader):  # type: ignore[misc]
+class _Loader(ShallowLoader):
     """YAML without duplicate keys: of two, PyYAML would silently drop the first."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:

@@ -13,6 +13,17 @@ from surveilnav.errors import ConfigError
 _MAX_BYTES = 4 << 20
 #: Lists and tables in each other, and entries altogether; an alias counts as what it stands for.
 _MAX_DEPTH, _MAX_ENTRIES = 50, 500_000
+#: PyYAML looks at each open bracket for each word, so that 500 open brackets take seconds: it stops at so many.
+_MAX_BRACKETS = 2 * _MAX_DEPTH
+
+
+class ShallowLoader(yaml.SafeLoader):  # type: ignore[misc]
+    """PyYAML's safe loader, which refuses brackets in more brackets than anybody writes."""
+
+    def fetch_flow_collection_start(self, TokenClass: type) -> None:
+        if self.flow_level >= _MAX_BRACKETS:
+            raise yaml.scanner.ScannerError(None, None, f"more than {_MAX_BRACKETS} open brackets", self.get_mark())
+        super().fetch_flow_collection_start(TokenClass)
 
 
 def compose(path: Path, what: str, text: str | None = None) -> yaml.Node | None:
@@ -30,7 +41,7 @@ def compose(path: Path, what: str, text: str | None = None) -> yaml.Node | None:
             if path.stat().st_size > _MAX_BYTES:
                 raise ConfigError(f"{path}: a {what} has at most {_MAX_BYTES >> 20} MiB")
             text = path.read_text(encoding="utf-8")
-        root: yaml.Node | None = yaml.compose(text, yaml.SafeLoader)
+        root: yaml.Node | None = yaml.compose(text, ShallowLoader)
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"the {what} can't be read: {error}") from error
     except (yaml.YAMLError, RecursionError) as error:

@@ -10,6 +10,8 @@ the maps. With ``--state`` the run goes on where it was stopped.
 from __future__ import annotations
 
 import argparse
+import contextlib
+import ctypes
 import gc
 import json
 import sys
@@ -120,6 +122,7 @@ class Fuzzer:
             except AssertionError:
                 self.tally.record_defect(target.name, self.tally.done, "kept", traceback.format_exc(limit=-3))
         gc.collect()
+        _return_freed_memory()
         self.tally.memory_mb[self.tally.done] = resident_mb()
 
     def run(self, until: int, say: object = None) -> None:
@@ -135,6 +138,12 @@ class Fuzzer:
                 self.check()
             if self.tally.done % _SAVE_EVERY == 0 and callable(say):
                 say()
+
+
+def _return_freed_memory() -> None:
+    """Has glibc give back what was freed, so that what its heap keeps for later isn't taken for growth."""
+    with contextlib.suppress(OSError, AttributeError):  # another C library
+        ctypes.CDLL("libc.so.6").malloc_trim(0)
 
 
 def resident_mb() -> float:

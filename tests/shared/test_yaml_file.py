@@ -5,10 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+import yaml
 
 from surveilnav.cameras_file import load_cameras
 from surveilnav.errors import ConfigError
-from surveilnav.yaml_file import compose, plain
+from surveilnav.yaml_file import ShallowLoader, compose, plain
 
 _LAUGHS = "a: &a [x, x, x, x, x, x, x, x, x, x]\n" + "".join(
     f"{b}: &{b} [{', '.join([f'*{a}'] * 10)}]\n" for a, b in zip("abcdefgh", "bcdefghi", strict=True)
@@ -30,6 +31,12 @@ _LAUGHS = "a: &a [x, x, x, x, x, x, x, x, x, x]\n" + "".join(
 def test_what_is_more_than_words_and_tables_is_refused(tmp_path: Path, text: str, said: str) -> None:
     with pytest.raises(ConfigError, match=said):
         compose(tmp_path / "cameras.yaml", "file of cameras", text)
+
+
+def test_reading_stops_at_more_brackets_than_anybody_writes() -> None:
+    with pytest.raises(yaml.YAMLError, match="open brackets") as refused:
+        yaml.compose("[" * 400, ShallowLoader)
+    assert refused.value.problem_mark.column == 100  # what comes behind would take longer with each bracket
 
 
 def test_a_date_that_doesnt_exist_is_named_with_its_line(tmp_path: Path) -> None:

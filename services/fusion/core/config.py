@@ -172,6 +172,12 @@ class ValidationConfig(ConfigPart):
     corrected_floor_share: float = Field(
         default=0.15, gt=0, le=1, description="... and refused if a mistake explains this share, and four times as much"
     )
+    outside_storey_share: float = Field(
+        default=0.15,
+        gt=0,
+        le=1,
+        description="... or if so many points lie below its floor, more than half if they are level (a lower floor); 1: never",
+    )
     max_tilt_deg: float = Field(
         default=2.5, gt=0, description="a camera by whose views the floor leans by more isn't believed"
     )

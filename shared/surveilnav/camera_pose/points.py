@@ -87,11 +87,19 @@ def load_clicks(path: Path) -> Clicks:
     except ValueError as error:
         raise ConfigError(f"{path}: {error}") from None
     lines = tuple(line_of(root, ("points", i)) for i in range(len(entry.points)))
-    plan = load_floor_plan(path.parent / Path(entry.plan).expanduser()) if entry.plan else None
+    plan = load_floor_plan(_plan_path(path, entry.plan)) if entry.plan else None
     places = []
     for number, (point, line) in enumerate(zip(entry.points, lines, strict=True), start=1):
         places.append((*_place(point, plan, f"{path}, line {line}: point {number}"), point.z_m))
     return Clicks(entry.camera, np.array([p.px for p in entry.points]), np.array(places), lines, plan)
+
+
+def _plan_path(path: Path, plan: str) -> Path:
+    """Where the plan is that a file of clicks names."""
+    try:
+        return path.parent / Path(plan).expanduser()
+    except RuntimeError as error:  # no user of that name has a folder
+        raise ConfigError(f"{path}: plan: {error}") from None
 
 
 def save_clicks(path: Path, clicks: ClicksFile) -> None:

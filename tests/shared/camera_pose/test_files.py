@@ -113,6 +113,13 @@ def test_clicks_with_a_mistake(tmp_path: Path, old: str, new: str, message: str)
         load_clicks(folder(tmp_path, clicks=CLICKS.replace(old, new)) / "clicks.yaml")
 
 
+def test_a_plan_in_the_folder_of_nobody_is_named(tmp_path: Path) -> None:
+    clicks = CLICKS.replace("plan: map.yaml", "plan: ~nobody-of-that-name/map.yaml")
+    assert clicks != CLICKS
+    with pytest.raises(ConfigError, match="plan: "):
+        load_clicks(folder(tmp_path, clicks=clicks) / "clicks.yaml")
+
+
 def test_all_mistakes_of_clicks_are_named(tmp_path: Path) -> None:
     text = CLICKS.replace("px: [300.5, 400]", "px: [300.5]").replace("plan_px: [0, 99]", "plan_px: 7")
     with pytest.raises(ConfigError, match=r"line 4: point 1: plan_px(?s:.)*line 5: point 2: px.1"):

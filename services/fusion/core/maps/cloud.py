@@ -184,6 +184,19 @@ class VoxelCloud:
                 n_confirmed.update(dict.fromkeys(members, int(n)))
         return {name: Agreement(n_refuted.get(name, 0), n_confirmed[name]) for name in {*n_refuted, *n_confirmed}}
 
+    def measured_by(self, source: str) -> NDArray[np.float64]:
+        """Centres (N, 3) [m, world] of the voxels that a source has measured, even where others look through them."""
+        is_its = np.array([source in members for members in self._sets.lists()])
+        used = self._voxels[: self._n]
+        return voxel_centres(used["key"][is_its[used["sources"]]], self._config.voxel_m)
+
+    def measured_by_others(self, source: str) -> NDArray[np.float64]:
+        """Centres (N, 3) [m, world] of the voxels that others than a source have measured, and that aren't carved away."""
+        is_others = np.array([any(name != source for name in members) for members in self._sets.lists()])
+        used = self._voxels[: self._n]
+        chosen = is_others[used["sources"]] & ~self._is_carved()
+        return voxel_centres(used["key"][chosen], self._config.voxel_m)
+
     def centres(self, numbers: NDArray[np.int32]) -> NDArray[np.float64]:
         """Centres (N, 3) [m, world] of the voxels with these numbers (N,)."""
         return voxel_centres(self._voxels["key"][numbers], self._config.voxel_m)

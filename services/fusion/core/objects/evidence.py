@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-from surveilnav.services.fusion.core.objects.view_evidence import Direction, EvidenceByDirection
+from surveilnav.services.fusion.core.objects.view_evidence import MAX_CLASSES, Direction, EvidenceByDirection
 
 
 @dataclass(slots=True)
@@ -44,7 +44,7 @@ class Evidence:
     def add_detection(self, label: str, score: float, chance: float, direction: Direction) -> None:
         """Adds a detection of a class; ``chance`` (0-1) is the probability that it is right."""
         sums = self.robot if direction[0] == "robot" else self.surveillance
-        sums.setdefault(label, ScoreSum()).add(score)
+        _add(sums, label, score)
         self.by_direction.add_detection(direction, label, chance)
 
     def add_miss(self, direction: Direction) -> None:
@@ -65,7 +65,7 @@ class Evidence:
         """Adds the evidence on another object that turned out to be this one."""
         for mine, theirs in ((self.robot, other.robot), (self.surveillance, other.surveillance)):
             for label, scores in theirs.items():
-                mine.setdefault(label, ScoreSum()).add(scores.total, scores.n)
+                _add(mine, label, scores.total, scores.n)
         self.by_direction.absorb(other.by_direction)
         self.misses += other.misses
         self.category = self.category or other.category
@@ -93,3 +93,9 @@ class Evidence:
             flipped = old, new
         by_direction = EvidenceByDirection.from_state(state["by_direction"])
         return cls(robot, surveillance, by_direction, state["misses"], state["category"], flipped)
+
+
+def _add(sums: dict[str, ScoreSum], label: str, score: float, n: int = 1) -> None:
+    """Adds detections to those of their class, unless it would be one class too many."""
+    if label in sums or len(sums) < MAX_CLASSES:
+        sums.setdefault(label, ScoreSum()).add(score, n)

@@ -121,7 +121,7 @@ class ObjectMap:
             seen: the (object id, class) of the view's detections so far; this one is added.
         """
         c, label = self._config.association, located.detection.label
-        for found, obj in self._matches(located):
+        for found, obj in self._matches(located, seen):
             if c.once_per_view and (obj.id, label) in seen:
                 if found.mutual_overlap >= (1.0 if c.tau_mutual is None else c.tau_mutual):
                     return  # the same thing was detected twice in one picture
@@ -134,7 +134,7 @@ class ObjectMap:
         self._fuse(new, view, located, "created", "")
         seen.add((new.id, label))
 
-    def _matches(self, located: LocatedDetection) -> list[tuple[Similarity, MapObject]]:
+    def _matches(self, located: LocatedDetection, seen: set[tuple[int, str]]) -> list[tuple[Similarity, MapObject]]:
         """The objects that a detection may belong to, the most similar first: s reaches tau, or both are in one place."""
         c, shape, detection = self._config.association, located.shape, located.detection
         matches = []
@@ -151,23 +151,34 @@ class ObjectMap:
             if not same_place and self._would_be_too_large(detection.label, shape, obj.shape):
                 continue  # a tv on a cupboard is no part of the cupboard
             matches.append((found, obj))
-        matches += self._matches_by_gate(located)
+        matches += self._matches_by_gate(located, seen)
         return sorted(matches, key=lambda match: (-_match_score(match[0], c), match[1].id))
 
-    def _matches_by_gate(self, located: LocatedDetection) -> list[tuple[Similarity, MapObject]]:
-        """The objects that a detection may belong to where a place is only estimated: of the same class, and near enough."""
+    def _matches_by_gate(
+        self, located: LocatedDetection, seen: set[tuple[int, str]]
+    ) -> list[tuple[Similarity, MapObject]]:
+        """The objects that a detection may belong to where a place is only estimated: of the same class, and near enough.
+
+        What its view has shown already, and all after one in the same place, is left out: it couldn't be chosen, and for hundreds
+        of detections in one place the effort would grow with their square.
+        """
         c, matches = self._config.foot_point, []
         if located.covariance_m2 is None and not self._objects.estimated:
             return []
+        once_per_view, label = self._config.association.once_per_view, located.detection.label
         reach_m = c.gate * (c.max_sigma_m + (0.0 if located.covariance_m2 is None else c.max_sigma_m))
         for obj_id in self._objects.boxes.near(located.shape, reach_m):
             obj = self._objects[obj_id]
-            if (located.covariance_m2 is None and obj.covariance_m2 is None) or obj.label != located.detection.label:
+            if (located.covariance_m2 is None and obj.covariance_m2 is None) or obj.label != label:
+                continue
+            if once_per_view and (obj_id, label) in seen:
                 continue
             distance = gate_distance(located.shape, located.covariance_m2, obj.shape, obj.covariance_m2)
             if distance <= c.gate:
                 # the nearer, the more similar; always enough
                 matches.append((Similarity(self._config.association.tau + 1.0 - distance / c.gate, 0.0), obj))
+            if not distance:
+                break
         return matches
 
     def _match_candidates(self, shape: Shape) -> list[MapObject]:
@@ -274,8 +285,10 @@ class ObjectMap:
         """
         c = self._config.association
         if a.covariance_m2 is not None or b.covariance_m2 is not None:
+            if a.label != b.label:
+                return False
             distance = gate_distance(a.shape, a.covariance_m2, b.shape, b.covariance_m2)
-            return a.label == b.label and distance <= 0.5 * self._config.foot_point.gate
+            return distance <= 0.5 * self._config.foot_point.gate
         forward, backward = overlaps(a.shape, b.shape)
         if not is_same_place(min(forward, backward), c):
             comparable = a.embedding_model == b.embedding_model
@@ -297,11 +310,11 @@ class ObjectMap:
 
     def _remove_weakest(self) -> None:
         """Removes the weakest candidates while there are more objects than ``max_objects``."""
-        while len(self._objects) > self._config.max_objects:
-            strengths = (
-                ((o.status == "confirmed", o.confidence, o.last_seen_ns, i), i) for i, o in self._objects.items()
-            )
-            del self._objects[min(strengths)[1]]
+        n_too_many = len(self._objects) - self._config.max_objects
+        if n_too_many > 0:
+            strengths = ((o.status == "confirmed", o.confidence, o.last_seen_ns, i) for i, o in self._objects.items())
+            for *_, id_ in sorted(strengths)[:n_too_many]:
+                del self._objects[id_]
 
     # --- events and messages --------------------------------------------------------------------------------------
 

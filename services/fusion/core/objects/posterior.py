@@ -16,7 +16,7 @@ by its share of all detections.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping, Sequence
 
 from surveilnav.services.fusion.core.objects.config import PosteriorConfig
 from surveilnav.services.fusion.core.objects.view_evidence import Direction, ViewEvidence
@@ -32,21 +32,26 @@ def posterior(by_direction: Mapping[Direction, ViewEvidence], config: PosteriorC
         for label, n in views.detections.items():
             detections[label] = detections.get(label, 0) + n
     n_detections = sum(detections.values())
+    n_views = [views.n_detecting_views + views.misses for views in evidence]
     odds = {}
     for label in sorted(detections):
-        log_odds = max(-_MAX_LOG_ODDS, min(_MAX_LOG_ODDS, _log_odds(label, evidence, config)))
+        log_odds = max(-_MAX_LOG_ODDS, min(_MAX_LOG_ODDS, _log_odds(label, evidence, n_views, config)))
         odds[label] = detections[label] / n_detections * math.exp(log_odds)
     total = 1.0 + sum(odds.values())
     return {label: class_odds / total for label, class_odds in odds.items()}
 
 
-def _log_odds(label: str, evidence: Collection[ViewEvidence], config: PosteriorConfig) -> float:
-    """The log-odds of one class, which some view has named, against something else."""
+def _log_odds(label: str, evidence: Sequence[ViewEvidence], n_views: Sequence[int], config: PosteriorConfig) -> float:
+    """The log-odds of one class, which some view has named, against something else.
+
+    Args:
+        n_views: line by line with the evidence, the number of its views.
+    """
     repeat, miss = math.log(config.repeat_odds), math.log(config.miss_odds)
     update, prior = -repeat, -math.inf  # the first detection created the object and repeats nothing
-    for views in evidence:
-        n, n_views = views.detections.get(label, 0), views.n_detecting_views + views.misses
-        update += (n * repeat + (n_views - n) * miss) / _design_effect(n_views, config)
+    for views, n_all in zip(evidence, n_views, strict=True):
+        n = views.detections.get(label, 0)
+        update += (n * repeat + (n_all - n) * miss) / _design_effect(n_all, config)
         if n:
             prior = max(prior, views.max_log_odds[label])
     return prior + update / _design_effect(len(evidence), config)

@@ -16,6 +16,8 @@ from typing import Any
 Direction = tuple[str, str]
 
 _MAX_DIRECTIONS = 32  # more than an object has sides, plus the cameras that may see it
+#: Views may call one object by so many classes. That further ones are left out bounds what each detection of it costs.
+MAX_CLASSES = 64
 _MAX_CHANCE = 0.98  # no single detection is believed more than this
 
 
@@ -39,7 +41,9 @@ class ViewEvidence:
         return max(self.detections.values(), default=0)
 
     def add_detections(self, label: str, max_log_odds: float, n: int = 1) -> None:
-        """Adds ``n`` detections of a class, the surest of which has ``max_log_odds``."""
+        """Adds ``n`` detections of a class, the surest of which has ``max_log_odds``; none of one class too many."""
+        if label not in self.detections and len(self.detections) >= MAX_CLASSES:
+            return
         self.detections[label] = self.detections.get(label, 0) + n
         self.max_log_odds[label] = max(max_log_odds, self.max_log_odds.get(label, -math.inf))
 

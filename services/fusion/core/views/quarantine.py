@@ -4,7 +4,8 @@ Three things show that a description is wrong:
 
 - A view has hardly any floor, but has much once one common mistake is undone (``plausibility``). Such a view is refused at once.
 - Several views of one camera show a floor that leans, or lies at another height, all in the same way (``floor_plane``).
-- Others look through what the camera has measured, where both have looked.
+- Others look through what the camera has measured, where both have looked. Then it is matched with what they have measured, which
+  may show how it was turned or moved (``pose_fit``).
 
 Views that came before this was known may be in the maps. So the camera must be removed from them (``removal.sources_to_remove``).
 """
@@ -13,9 +14,12 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from surveilnav.sensing.views import PosedView
 from surveilnav.services.fusion.core.config import ValidationConfig
@@ -23,6 +27,7 @@ from surveilnav.services.fusion.core.maps.cloud import VoxelCloud
 from surveilnav.services.fusion.core.maps.provenance import Agreement
 from surveilnav.services.fusion.core.views.floor_plane import FloorPlane, fit_floor_plane
 from surveilnav.services.fusion.core.views.plausibility import find_mistake
+from surveilnav.services.fusion.core.views.pose_fit import PoseCorrection, fit_pose, points_to_fit
 from surveilnav.services.fusion.core.views.validation import ViewError, ViewValidator
 
 #: So many pictures must show a mistake, and the newest pictures of so large a share of the camera's views.
@@ -38,6 +43,11 @@ _MIN_PICTURES_OF_ONE_VIEW, _PLANE_SHARE_OF_ONE_VIEW = 3, 0.3
 #: So many views, and half of the camera's, must show the same floor above the described one.
 _MIN_HIGHER_VIEWS = 4
 
+#: After so many comparisons no correction is looked for any more.
+_MAX_COMPARED = 128
+#: Of a correction, smaller turns and movements aren't told.
+_SMALL_DEG, _SMALL_CM = 0.75, 7.5
+
 
 @dataclass(slots=True)
 class _Camera:
@@ -49,6 +59,10 @@ class _Camera:
         planes: by view, the floor that its newest picture shows, where it shows one.
         n_refused: how many pictures showed a mistake.
         n_pictures: how many pictures showed a floor.
+        place: where it stands by its description, and the altitude of its floor: (x, y, floor) [m, world]; () if unknown.
+        points_cm: what it had measured when others looked through it [cm, world], as long as a correction is looked for.
+        n_compared: how often it might have been compared with what others have measured since then.
+        correction: by what its yaw [rad], x and y [m] must be changed; () if that isn't known.
         why: why the camera isn't believed; "" if it is.
     """
 
@@ -57,6 +71,10 @@ class _Camera:
     planes: dict[int, FloorPlane] = field(default_factory=dict)
     n_refused: int = 0
     n_pictures: int = 0
+    place: tuple[float, ...] = ()
+    points_cm: list[list[int]] = field(default_factory=list)
+    n_compared: int = 0
+    correction: tuple[float, ...] = ()
     why: str = ""
 
     @classmethod
@@ -65,6 +83,11 @@ class _Camera:
             descriptions={int(view): text for view, text in state["descriptions"]},
             mistakes={int(view): text for view, text in state["mistakes"]},
             planes={int(view): FloorPlane(**fields) for view, fields in state["planes"]},
+            # an earlier program's snapshot has none of these
+            place=tuple(state.get("place", ())),
+            points_cm=state.get("points_cm", []),
+            n_compared=state.get("n_compared", 0),
+            correction=tuple(state.get("correction", ())),
             **{name: state[name] for name in ("n_refused", "n_pictures", "why")},
         )
 
@@ -76,11 +99,40 @@ class _Camera:
         else:
             self.planes.pop(view, None)
 
+    def begin_fit(self, p_world: NDArray[np.float64]) -> None:
+        """Keeps some of the points (N, 3) [m, world] that it has measured, so that a correction can be found."""
+        if self.place:
+            points = points_to_fit(p_world, np.array(self.place[:2]), self.place[2])
+            self.points_cm = np.round(100.0 * points).astype(int).tolist()
+
+    def try_to_fit(self, measured_by_others: Callable[[], NDArray[np.float64]]) -> None:
+        """Compares what it has measured with what others have by now; adds the correction to why it isn't believed.
+
+        That takes some tenths of a second, so it is done ever more seldom, and given up in the end.
+        """
+        if not self.points_cm:
+            return
+        self.n_compared += 1
+        if self.n_compared & (self.n_compared - 1):  # no power of two
+            return
+        x_m, y_m, floor_z_m = self.place
+        found = fit_pose(0.01 * np.array(self.points_cm), measured_by_others(), np.array([x_m, y_m]), floor_z_m)
+        if found is not None and found.is_clear:
+            self.why += f". {_correction_in_words(found, x_m, y_m)}"
+            self.correction = found.yaw_rad, found.x_m, found.y_m
+            self.points_cm = []
+        elif self.n_compared >= _MAX_COMPARED:
+            self.points_cm = []
+
     def state(self) -> dict[str, Any]:
         return {
             "descriptions": sorted(self.descriptions.items()),
             "mistakes": sorted(self.mistakes.items()),
             "planes": sorted((view, asdict(plane)) for view, plane in self.planes.items()),
+            "place": list(self.place),
+            "points_cm": self.points_cm,
+            "n_compared": self.n_compared,
+            "correction": list(self.correction),
             **{name: getattr(self, name) for name in ("n_refused", "n_pictures", "why")},
         }
 
@@ -124,10 +176,18 @@ class Quarantine:
         if self._n_robot_views >= self._config.compare_every_views:  # it costs some milliseconds
             self._n_robot_views = 0
             within_ns = round(1e9 * self._config.compare_within_s)
-            self.record_agreement(cloud.agreement(validator.cameras_current_since_ns(), within_ns))
+            accused = self.record_agreement(cloud.agreement(validator.cameras_current_since_ns(), within_ns))
+            if accused:
+                self._cameras[accused].begin_fit(cloud.measured_by(accused))
+            for source, camera in sorted(self._cameras.items()):
+                camera.try_to_fit(lambda source=source: cloud.measured_by_others(source))  # type: ignore[misc]
 
-    def record_agreement(self, agreement: Mapping[str, Agreement]) -> None:
-        """Compares cameras with others, by source. One at most is put into quarantine: it may make others look wrong."""
+    def record_agreement(self, agreement: Mapping[str, Agreement]) -> str:
+        """Compares cameras with others, by source. One at most is put into quarantine: it may make others look wrong.
+
+        Returns:
+            The camera that was put into quarantine; "" if none was.
+        """
         c = self._config
         wrong = [
             (found.refuted_share, source)
@@ -137,16 +197,22 @@ class Quarantine:
             and found.refuted_share >= c.max_refuted_share
             and source not in self.reasons()
         ]
-        if wrong:
-            share, source = max(wrong)
-            self._cameras.setdefault(source, _Camera()).why = (
-                f"others look through {100 * share:.0f} % of what it has measured where both have looked: its position or "
-                "its direction is wrong, or it isn't this camera"
-            )
+        if not wrong:
+            return ""
+        share, source = max(wrong)
+        self._cameras.setdefault(source, _Camera()).why = (
+            f"others look through {100 * share:.0f} % of what it has measured where both have looked: its position or "
+            "its direction is wrong, or it isn't this camera"
+        )
+        return source
 
     def reasons(self) -> dict[str, str]:
         """By source, why a camera isn't believed."""
         return {source: camera.why for source, camera in self._cameras.items() if camera.why}
+
+    def corrections(self) -> dict[str, tuple[float, ...]]:
+        """By source, by what a camera's yaw [rad], x and y [m] must be changed, where that was found."""
+        return {source: camera.correction for source, camera in self._cameras.items() if camera.correction}
 
     def forget(self, source: str) -> None:
         """Forgets what a camera's views have shown, so that it is believed until they show it again."""
@@ -180,6 +246,7 @@ class Quarantine:
         description = hashlib.blake2b(text, digest_size=8).hexdigest()
         if camera.descriptions.setdefault(view.view, description) != description:  # it was calibrated anew
             camera = self._cameras[view.source] = _Camera({view.view: description})
+        camera.place = (float(view.T_world_camera[0, 3]), float(view.T_world_camera[1, 3]), float(view.floor_z_m))
         return camera
 
 
@@ -209,6 +276,17 @@ def _in_words(plane: FloorPlane, config: ValidationConfig) -> str:
         f"it leans otherwise than stated: the floor that it sees would rise by {tilt_deg:.1f} degrees towards "
         f"{towards_deg:.0f} degrees (0: the building's x axis)"
     )
+
+
+def _correction_in_words(found: PoseCorrection, x_m: float, y_m: float) -> str:
+    yaw_deg, moved_cm = math.degrees(found.yaw_rad), 100.0 * math.hypot(found.x_m, found.y_m)
+    turn = f"if its yaw is {abs(yaw_deg):.1f} degrees {'more' if yaw_deg > 0 else 'less'} than stated"
+    place = f"at ({x_m + found.x_m:.2f}, {y_m + found.y_m:.2f}) m, {moved_cm:.0f} cm from where it is stated"
+    if abs(yaw_deg) < _SMALL_DEG:
+        return f"It fits what others have measured if it stands {place}"
+    if moved_cm < _SMALL_CM:
+        return f"It fits what others have measured {turn}"
+    return f"It fits what others have measured {turn} and it stands {place}"
 
 
 def _is_another_floor(plane: FloorPlane, config: ValidationConfig) -> bool:

@@ -11,8 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from surveilnav.geometry import Pinhole, camera_pose, inverse, transform_points
-from surveilnav.sensing.views import DetectedObject, PosedView
+from surveilnav.sensing.views import DetectedObject, PosedView, ViewPerception
 from surveilnav.services.fusion.core import JointMap, snapshot
+from surveilnav.services.fusion.core.objects import object_map
 from surveilnav.services.fusion.core.objects.config import FootPointConfig
 from surveilnav.services.fusion.core.objects.foot_point import locate_by_foot
 from surveilnav.services.fusion.core.removal import Contribution, without
@@ -261,3 +262,24 @@ def test_a_snapshot_keeps_the_uncertainty(tools) -> None:  # type: ignore[no-unt
     joint.accept(v, tools.seen(seen(v, chair(4.0, 0.0))))
     again = snapshot.load(snapshot.dump(joint), joint.config)
     assert again.objects("0")[0].position_sigma_m == joint.objects("0")[0].position_sigma_m
+
+
+@pytest.mark.parametrize("labels", [1, 1000], ids=["of one class", "each of its own class"])
+def test_hundreds_of_things_in_one_place_cost_in_proportion_to_their_number(
+    monkeypatch: pytest.MonkeyPatch, labels: int
+) -> None:
+    calls = []
+
+    def counted(*args: object) -> float:
+        calls.append(args)
+        return gate_distance(*args)  # type: ignore[arg-type]
+
+    gate_distance = object_map.gate_distance
+    monkeypatch.setattr(object_map, "gate_distance", counted)
+    joint, n = JointMap(), 120
+    for seq in range(1, 5):  # merging is rarer: it would make them one
+        v = view(seq=seq, name=f"c{seq}")
+        found = tuple(seen(v, chair(4.0, 0.0), f"thing {i % labels}") for i in range(n))
+        joint.integrate(v, ViewPerception("test", found, EMBEDDING, "e1"))
+    assert len(joint.objects("0")) == n
+    assert len(calls) == 3 * n  # of later views, each thing is compared with the first that its view hasn't shown yet

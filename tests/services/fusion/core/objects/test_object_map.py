@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from surveilnav.sensing.views import DetectedObject
 from surveilnav.services.fusion.core import FusionConfig, JointMap, ObjectConfig
 from surveilnav.services.fusion.core.objects.config import AssociationConfig, FalsePositiveConfig
 from surveilnav.services.fusion.core.objects.sizes import size_mismatch
+from surveilnav.services.fusion.core.objects.view_evidence import MAX_CLASSES
 
 SOFA = ((3.0, 1.2, 0.0), (3.8, 2.8, 0.8))
 STOOL = ((2.0, 0.4, 0.0), (2.4, 0.8, 0.5))
@@ -257,6 +259,30 @@ def test_history_objects_and_points_are_bounded(furnished, tools):
     for o in objects:
         assert len(o.history) <= 5
         assert o.n_points <= config.points.max_points
+
+
+def test_an_object_that_is_called_hundreds_of_things_counts_the_surest_classes(furnished, tools):
+    joint = JointMap()
+    view = around(furnished, SOFA)[0]
+    couch = furnished.detect(view, "sofa", "couch", 0.9, tools.unit(0))
+    others = [replace(couch, label=f"thing {i:03}", score=0.3) for i in range(300)]
+    joint.integrate(view, tools.seen(*others, couch))
+    (found,) = joint.objects("0")
+    assert len(found.label_scores) == MAX_CLASSES
+    assert {"couch", "thing 000", "thing 062"} < set(found.label_scores)
+    assert found.n_detections == 301
+
+
+def test_the_weakest_objects_are_removed_first(furnished, tools):
+    views = around(furnished, SOFA, 1)
+    scores = {"cup": 0.5, "vase": 0.4, "bowl": 0.6, "spoon": 0.3}
+    found = [
+        DetectedObject(label, score, (12.0 + 30 * i, 60.0, 30.0 + 30 * i, 80.0), None, tools.unit(2 + i))
+        for i, (label, score) in enumerate(scores.items())
+    ]
+    joint = JointMap(FusionConfig(objects=ObjectConfig(max_objects=2)))
+    joint.integrate(views[0], tools.seen(*found))
+    assert {o.label for o in joint.objects("0")} == {"bowl", "cup"}
 
 
 @pytest.mark.parametrize("score", [0.1, 0.2])

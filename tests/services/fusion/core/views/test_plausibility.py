@@ -8,8 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from surveilnav.geometry import Pinhole
+from surveilnav.geometry import Pinhole, camera_pose
 from surveilnav.services.fusion.core import JointMap
+from surveilnav.services.fusion.core.config import ValidationConfig
+from surveilnav.services.fusion.core.views.plausibility import find_mistake
 from surveilnav.services.fusion.core.views.validation import ViewError
 
 LENS = Pinhole.from_hfov(200, 160, math.radians(100))
@@ -35,6 +37,13 @@ def with_axes_turned(view):
     return replace(view, T_world_camera=T)
 
 
+def rolled(view, deg):
+    """The view of a camera that is described as rolled to the right, as seen from behind it."""
+    T, a = view.T_world_camera.copy(), math.radians(deg)
+    T[:3, :3] = T[:3, :3] @ np.array([[math.cos(a), -math.sin(a), 0], [math.sin(a), math.cos(a), 0], [0, 0, 1]])
+    return replace(view, T_world_camera=T)
+
+
 @pytest.mark.parametrize(
     ("mistake", "named"),
     [
@@ -51,6 +60,19 @@ def test_a_mistake_is_named_and_leaves_no_trace(views, mistake, named):
         with pytest.raises(ViewError, match=named) as refused:
             joint.accept(mistake(view), None)
         assert refused.value.name == "geometry_disagrees"
+    assert joint.floors == {}
+
+
+@pytest.mark.parametrize(
+    ("deg", "named"),
+    [(180, "upside down"), (-90, "rolled by 90 degrees to the right"), (90, "rolled by 90 degrees to the left")],
+)
+def test_a_camera_that_hangs_upside_down_or_on_its_side_is_named(views, deg, named):
+    joint = JointMap()
+    for view in views:
+        with pytest.raises(ViewError, match=named):  # a view that shows it too little is refused because of the others
+            joint.accept(rolled(view, deg), None)
+    assert named in joint.quarantine.reasons()["camera/c"]
     assert joint.floors == {}
 
 
@@ -92,6 +114,37 @@ def test_a_view_without_floor_is_believed(world):
     world.boxes["table"] = ((0.5, 0.5, 0.0), (5.5, 3.5, 0.75))
     over_a_table = world.view(3.0, 2.0, 0.0, -1.2, height=2.4, source="camera/c", camera=LENS, view=1)
     assert joint.accept(over_a_table, None) is not None
+
+
+def at_heights(view, heights_m):
+    """The view of a camera that looks level, whose rows of points lie at these heights above its floor, 3 m away."""
+    T = camera_pose((2.0, 2.0, 2.0), 0.0, 0.0)
+    rows = np.linspace(0, len(heights_m) - 1, LENS.height_px).round().astype(int)
+    heights_m = np.asarray(heights_m)[rows]
+    fy_px = 40.0  # so that 3 m below the camera still is in the picture
+    v = fy_px * (2.0 - heights_m) / 3.0 + (LENS.height_px - 1) / 2
+    depth_m = np.zeros((LENS.height_px, LENS.width_px), np.float32)
+    depth_m[v.round().astype(int).clip(0, LENS.height_px - 1)] = 3.0
+    lens = Pinhole(LENS.width_px, LENS.height_px, 100.0, fy_px, (LENS.width_px - 1) / 2, (LENS.height_px - 1) / 2)
+    return replace(view, T_world_camera=T, camera=lens, mounting_offset_m=2.0, depth_m=depth_m)
+
+
+@pytest.mark.parametrize(
+    ("heights_m", "why"),
+    [
+        (np.linspace(0.3, 2.5, 80), ""),
+        (np.linspace(-0.3, 2.5, 80), ""),
+        (np.linspace(-1.5, 2.5, 80), "lie more than 0.5 m below its floor"),
+        ([*np.linspace(-3.02, -2.98, 25), *np.linspace(0.3, 3.5, 75)], ""),  # a lower floor, seen through an opening
+        (np.linspace(-5.0, -3.0, 80), "lie more than 0.5 m below its floor"),
+        (np.linspace(2.0, 7.0, 80), ""),
+        (np.linspace(4.0, 7.0, 80), "lie more than 5.0 m above its floor"),
+    ],
+    ids=["a wall", "about the floor", "below the floor", "level", "all below", "a high hall", "above any ceiling"],
+)
+def test_what_a_view_shows_lies_within_its_storey(views, heights_m, why):
+    found = find_mistake(at_heights(views[0], heights_m), ValidationConfig())
+    assert (why in found) if why else found is None, found
 
 
 def test_a_robot_is_not_judged_by_its_floor(views):

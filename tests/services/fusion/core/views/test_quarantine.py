@@ -20,6 +20,7 @@ from surveilnav.services.fusion.core.maps.provenance import Agreement
 from surveilnav.services.fusion.core.removal import Contribution, sources_to_remove, without
 from surveilnav.services.fusion.core.snapshot import dump, load
 from surveilnav.services.fusion.core.views.floor_plane import fit_floor_plane
+from surveilnav.services.fusion.core.views.pose_fit import fit_pose, points_to_fit
 from surveilnav.services.fusion.core.views.quarantine import Quarantine
 from surveilnav.services.fusion.core.views.validation import ViewError
 
@@ -186,6 +187,49 @@ def test_a_camera_that_is_described_half_a_metre_away_is_found_by_the_robot(room
     assert sources_to_remove(joint) == []
     assert "camera/c" in joint.quarantine.reasons(), "it stays in quarantine"
     assert not any("camera/c" in members for _, *_, members in provenance(joint))
+
+
+@pytest.mark.parametrize(
+    ("mistake", "said"),
+    [
+        ({"turned_deg": 8.0}, r"yaw is ([\d.]+) degrees less than stated$"),
+        ({"turned_deg": -8.0}, r"yaw is ([\d.]+) degrees more than stated$"),
+        ({"moved_m": 0.5}, r"stands at \(([\d.]+), ([\d.]+)\) m, \d+ cm from where it is stated$"),
+        (
+            {"moved_m": 0.4, "turned_deg": 6.0},
+            r"([\d.]+) degrees less than stated and it stands at \(([\d.]+), ([\d.]+)\)",
+        ),
+    ],
+)
+def test_how_a_camera_was_turned_or_moved_is_said_once_others_have_seen_enough(room, views, mistake, said):
+    joint, reasons = JointMap(), []
+    joint.quarantine = Quarantine(ValidationConfig(min_refuted_voxels=300))
+    integrate(joint, [described(view, **mistake) for view in views], 0)
+    for k, view in enumerate(robot_views(room, 60)):
+        integrate(joint, [view], 100 + k)
+        reasons.append(joint.quarantine.reasons().get("camera/c", ""))
+        if k == 40:  # the search for a correction goes on after the camera was taken out, and after a restart
+            joint = load(dump(without(joint, Contribution("camera/c"))), joint.config)
+    found = re.search(said, reasons[-1])
+    assert found, reasons[-1]
+    numbers = [float(text) for text in found.groups()]
+    if "turned_deg" in mistake:
+        assert numbers.pop(0) == pytest.approx(abs(mistake["turned_deg"]), abs=1.0)
+    if "moved_m" in mistake:
+        assert numbers == pytest.approx([2.0, 2.0], abs=0.08), "where it stands"
+    assert sources_to_remove(joint) == []
+
+
+def test_no_correction_is_said_where_none_fits_better_than_another(tools):
+    """Along a bare wall, no place is better than the next."""
+    along_m = np.arange(0.0, 20.0, 0.05)
+    wall = np.array([(x, 3.0, z) for x in along_m for z in np.arange(0.2, 2.0, 0.05)])
+    mine = points_to_fit(wall[np.abs(wall[:, 0] - 10.0) < 3.0] - (0.0, 0.5, 0.0), np.array([10.0, 1.0]), 0.0)
+    found = fit_pose(mine, wall, np.array([10.0, 1.0]), 0.0)
+    assert found is not None
+    assert found.score > 0.9 > found.described_score
+    assert not found.is_clear
+    assert fit_pose(mine[:100], wall, np.array([10.0, 1.0]), 0.0) is None, "too few points"
 
 
 def provenance(joint):
