@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 from surveilnav.messages import FINISHED_STATES
-from tests.e2e.kills import SERVICES
+from tests.e2e.kills import SERVICES, Up
 from tests.faults.system import NETWORK, Faulty, faketime
-from tests.waiting import until
 
 Phase = Literal["exploring", "approaching"]
 FROZEN_S = CUT_S = 10.0
+#: A search must end so soon after the fault began.
+END_S = 180.0
+#: The gateway is asked so often how the mission is.
+_LOOK_S = 0.1
 _TARGETS = ("tv", "bed")
 #: The services that are frozen in `make test-faults`, too.
 _FROZEN = ("perception", "fusion", "planner", "robot")
@@ -49,6 +53,7 @@ class Played:
         recovery_s: until the service that was struck was back.
         mission_s: how long the mission took.
         wrong: what should not have been.
+        standstill_s: the longest time for which the mission made no step, from the fault on.
     """
 
     fault: str
@@ -58,6 +63,7 @@ class Played:
     recovery_s: float
     mission_s: float
     wrong: tuple[str, ...] = ()
+    standstill_s: float = 0.0
 
 
 def _kill(name: str, phase: Phase) -> Fault:
@@ -158,23 +164,24 @@ def why_not(fault: Fault, faulty: Faulty) -> str:
 
 
 def play(fault: Fault, faulty: Faulty, number: int = 0) -> Played:
-    """Has a mission run into a fault, and sees how both end."""
+    """Has a mission run into a fault, and sees how both end.
+
+    Raises:
+        AssertionError, httpx.HTTPError: the mission never got so far, the service never came back, or the mission didn't end.
+    """
     system = faulty.system
     if fault.phase == "exploring":
         faulty.forget_maps()
     before = system.services()
     id = system.search(_TARGETS[number % len(_TARGETS)])
-    began_s = time.monotonic()
-    last: dict[str, object] = {}
-
-    def reached() -> bool:
-        nonlocal last
-        last = system.mission(id) or last
-        return last.get("phase") == fault.phase or last.get("state") in FINISHED_STATES
-
-    until(reached, lambda: f"it never was {fault.phase}: {last}\n{system.said}", 90)
-    recovery_s = fault.strike(faulty)
-    end = system.end(id, timeout_s=240)
+    search = Search(system, id)
+    search.until(lambda last: last.get("phase") == fault.phase, 90)
+    search.longest_s = 0.0
+    with ThreadPoolExecutor(1) as pool:
+        strike = pool.submit(fault.strike, faulty)
+        end = search.until(lambda _: False, END_S)
+        took_s = time.monotonic() - search.began_s
+        recovery_s = strike.result()
     wrong = [f"store damaged: {what}" for what in faulty.damaged_stores()]
     if end["state"] != "done" and not end.get("error"):
         wrong.append(f"ended as {end['state']} without a reason")
@@ -185,5 +192,33 @@ def play(fault: Fault, faulty: Faulty, number: int = 0) -> Played:
     missing = [name for name in SERVICES if system.pid(name) is None]
     wrong += [f"{name} doesn't run" for name in missing]
     error = str(end.get("error") or "")
-    took_s = time.monotonic() - began_s
-    return Played(fault.name, str(end["state"]), bool(end["found"]), error, recovery_s, took_s, tuple(wrong))
+    return Played(
+        fault.name, str(end["state"]), bool(end["found"]), error, recovery_s, took_s, tuple(wrong), search.longest_s
+    )
+
+
+class Search:
+    """A mission that is followed through the gateway.
+
+    Attributes:
+        longest_s: the longest time for which it made no step.
+    """
+
+    def __init__(self, system: Up, id: str) -> None:
+        self._system, self._id = system, id
+        self._last: dict[str, Any] = {}
+        self.began_s = self._moved_s = time.monotonic()
+        self.longest_s = 0.0
+
+    def until(self, reached: Callable[[dict[str, Any]], bool], timeout_s: float) -> dict[str, Any]:
+        """Follows the mission until that is reached, or until it has ended; returns what it is like then."""
+        end_s = time.monotonic() + timeout_s
+        while not (reached(self._last) or self._last.get("state") in FINISHED_STATES):
+            assert time.monotonic() < end_s, f"neither reached nor over: {self._last}\n{self._system.said}"
+            time.sleep(_LOOK_S)
+            newest = self._system.mission(self._id) or self._last
+            now_s = time.monotonic()
+            if newest.get("step") != self._last.get("step"):
+                self.longest_s, self._moved_s = max(self.longest_s, now_s - self._moved_s), now_s
+            self._last = newest
+        return self._last

@@ -37,6 +37,5 @@ def test_bring_ups_leave_nothing_behind(tmp_path: Path, home_cache: Path, monkey
     monkeypatch.setenv("SURVEILNAV_CACHE_DIR", str(home_cache))
     bring_up(tmp_path / "first")  # what stays for good: libraries, caches
     before = Leftovers.now()
-    for number in range(2):
-        bring_up(tmp_path / str(number))
+    assert [bring_up(tmp_path / str(number))[1] for number in range(2)] == [[], []]
     assert Leftovers.now().beyond(before) == []
