@@ -78,7 +78,7 @@ def play_faults(path: Path, times: int, words: list[str]) -> None:
     """Plays what is missing of every kind whose name holds one of the words; of all without any."""
     kinds = [fault for fault in FAULTS if not words or any(word in fault.name for word in words)]
     done = Counter(p.fault for p in read(path))
-    missing = [(number, fault) for number in range(times) for fault in kinds if done[fault.name] <= number]
+    missing = [fault for number in range(times) for fault in kinds if done[fault.name] <= number]
     skipped: dict[str, str] = {}
     while missing:
         batch = missing[:_FAULTS_A_SYSTEM]
@@ -89,20 +89,20 @@ def play_faults(path: Path, times: int, words: list[str]) -> None:
         print(f"not played: {name}: {why}", file=sys.stderr)
 
 
-def _play_batch(path: Path, folder: Path, batch: list[tuple[int, Fault]], skipped: dict[str, str]) -> int:
+def _play_batch(path: Path, folder: Path, batch: list[Fault], skipped: dict[str, str]) -> int:
     """Plays faults in one system, until one has broken it; returns how many were tried, at least one."""
     n_tried = 0
     try:
         with faulty(folder) as system:
-            for number, fault in batch:
+            for fault in batch:
                 n_tried += 1
                 if why := why_not(fault, system):
                     skipped[fault.name] = why
                 else:
-                    append(path, play(fault, system, number))
+                    append(path, play(fault, system))
     except (AssertionError, httpx.HTTPError) as error:
         n_tried = max(n_tried, 1)
-        fault = batch[n_tried - 1][1]
+        fault = batch[n_tried - 1]
         kept = path.parent / f"lost-{int(time.time())}"
         shutil.copytree(folder, kept, ignore=shutil.ignore_patterns("state", "wrappers"), ignore_dangling_symlinks=True)
         words = (str(error).splitlines() or ["it never came"])[0][:200]

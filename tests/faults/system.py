@@ -68,6 +68,7 @@ class Faulty:
     Attributes:
         system: as people see it.
         folder: its logs and state, on a small disk if ``has_small_disk``.
+        n_searches: how many searches it was asked for.
     """
 
     system: Up
@@ -75,6 +76,7 @@ class Faulty:
     wrappers: Path
     has_small_disk: bool
     has_network: bool
+    n_searches: int = 0
 
     @property
     def state(self) -> Path:

@@ -26,11 +26,12 @@ def system(tmp_path_factory: pytest.TempPathFactory, home_cache: Path) -> Iterat
 def test_a_search_survives(fault: Fault, system: Faulty, capsys: pytest.CaptureFixture[str]) -> None:
     if why := why_not(fault, system):
         pytest.skip(why)
-    played = play(fault, system, FAULTS.index(fault))
+    played = play(fault, system)
     with capsys.disabled():
         print(f"\n  {played.state}, back after {played.recovery_s:.1f} s, search of {played.mission_s:.0f} s ", end="")
     assert not played.wrong, played
-    assert (played.state, played.found) == ("done", True), played
+    if not (fault.may_fail and played.error == fault.may_fail):
+        assert (played.state, played.found) == ("done", True), played
 
 
 def test_bring_ups_leave_nothing_behind(tmp_path: Path, home_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
