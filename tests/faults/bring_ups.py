@@ -21,7 +21,7 @@ _SHARED_NAMES = ("zenoh", "psm_", "sem.mp")
 
 @dataclass(frozen=True, slots=True)
 class Leftovers:
-    """What this process and the machine hold: open files and sockets, threads, children, shared memory."""
+    """What this process holds, open files and sockets, threads, children; and shared memory of processes that have ended."""
 
     files: int
     sockets: int
@@ -36,8 +36,7 @@ class Leftovers:
         opened = [os.readlink(path) for path in Path("/proc/self/fd").iterdir() if path.is_symlink()]
         sockets = sum(name.startswith("socket:") for name in opened)
         children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
-        names = os.listdir(_SHARED) if _SHARED.is_dir() else []
-        shared = frozenset(name for name in names if any(word in name for word in _SHARED_NAMES))
+        shared = frozenset(_abandoned_shared_memory())
         return cls(len(opened) - sockets, sockets, threading.active_count(), len(children), shared)
 
     def beyond(self, before: Leftovers) -> list[str]:
@@ -91,6 +90,19 @@ def bring_up(folder: Path, building: str = "parametric_flat") -> tuple[float, li
     left += [f"{name} didn't end by itself" for name in killed]
     left += [f"temporary file {path.name}" for path in temporary.iterdir()]
     return time.monotonic() - began_s, left
+
+
+def _abandoned_shared_memory() -> list[str]:
+    """Shared memory and semaphores of Zenoh and Python that no process uses."""
+    names = os.listdir(_SHARED) if _SHARED.is_dir() else []
+    suspects = [name for name in names if any(word in name for word in _SHARED_NAMES)]
+    used = ""
+    for maps in Path("/proc").glob("[0-9]*/maps") if suspects else ():
+        try:
+            used += "".join(line for line in maps.open() if str(_SHARED) in line)
+        except OSError:
+            continue
+    return [name for name in suspects if name not in used]
 
 
 def _processes_with(variable: str) -> list[str]:
