@@ -15,8 +15,8 @@ from surveilnav.cli.stack import Stack, environment
 from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings
 
 _SHARED = Path("/dev/shm")
-#: What Zenoh and Python call their shared memory and semaphores.
-_SHARED_NAMES = ("zenoh", "psm_", "sem.mp")
+#: What Zenoh and Python call their shared memory. Semaphores aren't looked for: no service has any.
+_SHARED_NAMES = ("zenoh", "psm_")
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +93,7 @@ def bring_up(folder: Path, building: str = "parametric_flat") -> tuple[float, li
 
 
 def _abandoned_shared_memory() -> list[str]:
-    """Shared memory and semaphores of Zenoh and Python that no process uses."""
+    """Shared memory of Zenoh and Python that no process uses."""
     names = os.listdir(_SHARED) if _SHARED.is_dir() else []
     suspects = [name for name in names if any(word in name for word in _SHARED_NAMES)]
     used = ""

@@ -28,7 +28,8 @@ def test_a_search_survives(fault: Fault, system: Faulty, capsys: pytest.CaptureF
         pytest.skip(why)
     played = play(fault, system)
     with capsys.disabled():
-        print(f"\n  {played.state}, back after {played.recovery_s:.1f} s, search of {played.mission_s:.0f} s ", end="")
+        times = f"back after {played.recovery_s:.1f} s, stood still for {played.standstill_s:.1f} s, {played.mission_s:.0f} s in all"
+        print(f"\n  {played.state}, {times} ", end="")
     assert not played.wrong, played
     if not (fault.may_fail and played.error == fault.may_fail):
         assert (played.state, played.found) == ("done", True), played
