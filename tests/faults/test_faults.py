@@ -28,7 +28,7 @@ def test_a_search_survives(fault: Fault, system: Faulty, capsys: pytest.CaptureF
         pytest.skip(why)
     played = play(fault, system)
     with capsys.disabled():
-        times = f"back after {played.recovery_s:.1f} s, stood still for {played.standstill_s:.1f} s, {played.mission_s:.0f} s in all"
+        times = f"back after {played.recovery_s:.1f} s, stood still for {played.standstill_s:.1f} s, all {played.mission_s:.0f} s"
         print(f"\n  {played.state}, {times} ", end="")
     assert not played.wrong, played
     if not (fault.may_fail and played.error == fault.may_fail):
