@@ -35,6 +35,7 @@ class Fault:
         strike: makes it happen, and returns how long after its end the system was back [s].
         may_end: services that end because of it.
         may_fail: with this error the search may fail; "": it must be found.
+        apart: the service that is in a network of its own from before the search until after it.
         needs: what it takes: "network", "small disk" or "faketime"; "" nothing.
         rare: whether it is only played by `make soak`, because another one is much like it.
     """
@@ -45,6 +46,7 @@ class Fault:
     may_end: tuple[str, ...] = ()
     needs: str = ""
     may_fail: str = ""
+    apart: str = ""
     rare: bool = False
 
 
@@ -86,20 +88,11 @@ def _freeze(name: str) -> Fault:
 
 def _cut(name: str) -> Fault:
     def strike(faulty: Faulty) -> float:
-        faulty.wrap(name, f"ip netns exec {NETWORK}")
         faulty.cut(CUT_S)
-        back_s = faulty.time_until_heard(name)
-        faulty.wrap(name, "")
-        return back_s
+        return faulty.time_until_heard(name)
 
-    return Fault(
-        f"network of {_kind(name)} cut for 10 s",
-        "exploring",
-        strike,
-        (name,),
-        "network",
-        rare=name not in ("robot", "fusion"),
-    )
+    rare = name not in ("robot", "fusion")
+    return Fault(f"network of {_kind(name)} cut for 10 s", "exploring", strike, needs="network", apart=name, rare=rare)
 
 
 def _clock(name: str, offset: str) -> Fault:
@@ -173,6 +166,16 @@ def play(fault: Fault, faulty: Faulty) -> Played:
     Raises:
         AssertionError, httpx.HTTPError: the mission never got so far, the service never came back, or the mission didn't end.
     """
+    if not fault.apart:
+        return _play(fault, faulty)
+    faulty.wrap(fault.apart, f"ip netns exec {NETWORK}")
+    try:
+        return _play(fault, faulty)
+    finally:
+        faulty.wrap(fault.apart, "")
+
+
+def _play(fault: Fault, faulty: Faulty) -> Played:
     system = faulty.system
     search = _search_until_it_is_time(fault, faulty)
     before = system.services()
