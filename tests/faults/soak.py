@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import json
 import shutil
+import signal
 import sys
 import tempfile
 import time
@@ -139,6 +140,7 @@ def main() -> int:
     parser.add_argument("--state", type=Path, default=Path("runs/soak/faults.jsonl"))
     parser.add_argument("--table", action="store_true", help="only prints the table of what was played")
     arguments = parser.parse_args()
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # by which the running system is stopped, too
     if not arguments.table:
         play_faults(arguments.state, arguments.times, arguments.only)
         play_bring_ups(arguments.state, arguments.bring_ups)
