@@ -19,8 +19,13 @@ from surveilnav.security.folder import ACCESS, CA, CERTIFICATE, KEY, SecurityFol
 from surveilnav.services.gateway.core.resources import NEEDED
 
 _SOON_S = 5.0
+<<<<<<< HEAD
 #: The setting by which several fusion services share a building.
 _SHARDS = "SURVEILNAV_FUSION__SHARDS"
+=======
+#: Services that are stopped have this long to end by themselves, as in containers: on a busy machine 5 s were too few.
+_GRACE_S = 10.0
+>>>>>>> faults
 _WHY_LATE = "; after an installation they compile their loops for half a minute"
 
 
@@ -193,7 +198,7 @@ def _terminate(processes: list[subprocess.Popen[bytes]]) -> None:
     for process in processes:
         if process.poll() is None:
             process.terminate()
-    deadline_s = time.monotonic() + 5.0
+    deadline_s = time.monotonic() + _GRACE_S
     for process in processes:
         try:
             process.wait(timeout=max(0.1, deadline_s - time.monotonic()))

@@ -8,19 +8,21 @@ import signal
 import sqlite3
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 from tests.e2e.kills import SERVICES, Up, up
 from tests.waiting import until
 
-#: The services' own network, where they can be cut off: its name, and the addresses outside and inside.
-NETWORK, OUTSIDE, INSIDE = "surveilnav-faults", "10.231.77.1", "10.231.77.2"
-_VETH = "svfaults0", "svfaults1"
+#: The services' own network, where they can be cut off: its name, and the addresses outside and inside. Each process that runs
+#: the faults has one of its own, so that two may run on a machine.
+_NUMBER = os.getpid() % 16000
+NETWORK = f"surveilnav-faults-{_NUMBER}"
+OUTSIDE, INSIDE = (f"10.231.{_NUMBER // 64}.{_NUMBER % 64 * 4 + host}" for host in (1, 2))
+_VETH = f"svf{_NUMBER}o", f"svf{_NUMBER}i"
 _DISK_MB = 512
 #: Every service is started by this program, which puts before it what a file of the service's name says.
 _WRAPPER = """#!/bin/sh
@@ -55,17 +57,8 @@ def why_no_network() -> str:
 
 
 def faketime() -> Path | None:
-    """The library libfaketime: installed, or from its Debian package; None where neither can be had."""
-    found = next(iter(sorted(Path("/usr/lib").glob("*/faketime/libfaketime.so.1"))), None)
-    folder = Path(tempfile.gettempdir()) / "surveilnav-faketime"
-    if found is None and shutil.which("apt-get") and shutil.which("dpkg"):
-        folder.mkdir(exist_ok=True)
-        if not list(folder.glob("usr/lib/*/faketime/libfaketime.so.1")):
-            subprocess.run(["apt-get", "download", "-qq", "libfaketime"], cwd=folder, capture_output=True)
-            for package in folder.glob("libfaketime*.deb"):
-                subprocess.run(["dpkg", "-x", package, folder], capture_output=True)
-        found = next(iter(folder.glob("usr/lib/*/faketime/libfaketime.so.1")), None)
-    return found
+    """The library libfaketime (the Debian package of that name); None where it isn't installed."""
+    return next(iter(sorted(Path("/usr/lib").glob("*/faketime/libfaketime.so.1"))), None)
 
 
 @dataclass
@@ -75,6 +68,7 @@ class Faulty:
     Attributes:
         system: as people see it.
         folder: its logs and state, on a small disk if ``has_small_disk``.
+        n_searches: how many searches it was asked for.
     """
 
     system: Up
@@ -82,6 +76,7 @@ class Faulty:
     wrappers: Path
     has_small_disk: bool
     has_network: bool
+    n_searches: int = 0
 
     @property
     def state(self) -> Path:
@@ -151,17 +146,15 @@ class Faulty:
         self.system.kill("fusion")
 
     def damaged_stores(self) -> list[str]:
-        """What SQLite says about copies of the stores; nothing if all are right."""
+        """What SQLite says about the stores; nothing if all are right."""
         found = []
         for path in sorted(self.state.glob("*.sqlite")):
-            with tempfile.TemporaryDirectory() as folder:
-                for file in path.parent.glob(f"{path.name}*"):
-                    shutil.copy(file, folder)
-                try:
-                    rows = sqlite3.connect(Path(folder) / path.name).execute("PRAGMA quick_check").fetchall()
-                    found += [] if rows == [("ok",)] else [f"{path.name}: {rows[0][0]}"]
-                except sqlite3.DatabaseError as error:
-                    found.append(f"{path.name}: {error}")
+            try:
+                with closing(sqlite3.connect(f"file:{path}?mode=ro", uri=True, timeout=10.0)) as store:
+                    (answer,) = store.execute("PRAGMA quick_check(1)").fetchone()
+                found += [] if answer == "ok" else [f"{path.name}: {answer[:200]}"]
+            except sqlite3.DatabaseError as error:
+                found.append(f"{path.name}: {error}")
         return found
 
 
@@ -205,9 +198,9 @@ def _network() -> Iterator[None]:
     _ip("netns", "add", NETWORK)
     try:
         _ip("link", "add", outer, "type", "veth", "peer", "name", inner, "netns", NETWORK)
-        _ip("addr", "add", f"{OUTSIDE}/24", "dev", outer)
+        _ip("addr", "add", f"{OUTSIDE}/30", "dev", outer)
         _ip("link", "set", outer, "up")
-        _ip("netns", "exec", NETWORK, "ip", "addr", "add", f"{INSIDE}/24", "dev", inner)
+        _ip("netns", "exec", NETWORK, "ip", "addr", "add", f"{INSIDE}/30", "dev", inner)
         for device in (inner, "lo"):
             _ip("netns", "exec", NETWORK, "ip", "link", "set", device, "up")
         yield

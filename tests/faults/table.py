@@ -4,17 +4,23 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 from surveilnav.messages import FINISHED_STATES
-from tests.e2e.kills import SERVICES
+from tests.e2e.kills import SERVICES, Up
 from tests.faults.system import NETWORK, Faulty, faketime
-from tests.waiting import until
 
 Phase = Literal["exploring", "approaching"]
 FROZEN_S = CUT_S = 10.0
+#: A search must end so soon after the fault began.
+END_S = 180.0
+#: The gateway is asked so often how the mission is.
+_LOOK_S = 0.05
 _TARGETS = ("tv", "bed")
+#: The phases of a mission in which a fault happens: it explores as soon as the robot looks around.
+_PHASES: dict[Phase, tuple[str, ...]] = {"exploring": ("scanning", "exploring"), "approaching": ("approaching",)}
 #: The services that are frozen in `make test-faults`, too.
 _FROZEN = ("perception", "fusion", "planner", "robot")
 
@@ -28,6 +34,8 @@ class Fault:
         phase: of the mission, at which it happens.
         strike: makes it happen, and returns how long after its end the system was back [s].
         may_end: services that end because of it.
+        may_fail: with this error the search may fail; "": it must be found.
+        apart: the service that is in a network of its own from before the search until after it.
         needs: what it takes: "network", "small disk" or "faketime"; "" nothing.
         rare: whether it is only played by `make soak`, because another one is much like it.
     """
@@ -37,6 +45,8 @@ class Fault:
     strike: Callable[[Faulty], float]
     may_end: tuple[str, ...] = ()
     needs: str = ""
+    may_fail: str = ""
+    apart: str = ""
     rare: bool = False
 
 
@@ -49,6 +59,7 @@ class Played:
         recovery_s: until the service that was struck was back.
         mission_s: how long the mission took.
         wrong: what should not have been.
+        standstill_s: the longest time for which the mission made no step, from the fault on.
     """
 
     fault: str
@@ -58,6 +69,7 @@ class Played:
     recovery_s: float
     mission_s: float
     wrong: tuple[str, ...] = ()
+    standstill_s: float = 0.0
 
 
 def _kill(name: str, phase: Phase) -> Fault:
@@ -76,20 +88,11 @@ def _freeze(name: str) -> Fault:
 
 def _cut(name: str) -> Fault:
     def strike(faulty: Faulty) -> float:
-        faulty.wrap(name, f"ip netns exec {NETWORK}")
         faulty.cut(CUT_S)
-        back_s = faulty.time_until_heard(name)
-        faulty.wrap(name, "")
-        return back_s
+        return faulty.time_until_heard(name)
 
-    return Fault(
-        f"network of {_kind(name)} cut for 10 s",
-        "exploring",
-        strike,
-        (name,),
-        "network",
-        rare=name not in ("robot", "fusion"),
-    )
+    rare = name not in ("robot", "fusion")
+    return Fault(f"network of {_kind(name)} cut for 10 s", "exploring", strike, needs="network", apart=name, rare=rare)
 
 
 def _clock(name: str, offset: str) -> Fault:
@@ -119,12 +122,12 @@ def _full_and_killed(name: str) -> Fault:
     return Fault(f"disk full, then kill -9 {_kind(name)}", "exploring", strike, (name,), "small disk")
 
 
-def _corrupt(name: str, store: str) -> Fault:
+def _corrupt(name: str, store: str, may_fail: str = "") -> Fault:
     def strike(faulty: Faulty) -> float:
         faulty.corrupt(store)
         return faulty.system.kill(name)
 
-    return Fault(f"store of {_kind(name)} corrupted, then kill -9", "exploring", strike, (name,))
+    return Fault(f"store of {_kind(name)} corrupted, then kill -9", "exploring", strike, (name,), may_fail=may_fail)
 
 
 def _kind(name: str) -> str:
@@ -142,7 +145,7 @@ FAULTS: tuple[Fault, ...] = (
     _full_and_killed("fusion"),
     _full_and_killed("planner"),
     _corrupt("fusion", "fusion.sqlite"),
-    _corrupt("planner", "planner.sqlite"),
+    _corrupt("planner", "planner.sqlite", may_fail="mission_lost"),  # the only place where the mission was
 )
 
 
@@ -157,25 +160,32 @@ def why_not(fault: Fault, faulty: Faulty) -> str:
     return ""
 
 
-def play(fault: Fault, faulty: Faulty, number: int = 0) -> Played:
-    """Has a mission run into a fault, and sees how both end."""
+def play(fault: Fault, faulty: Faulty) -> Played:
+    """Has a mission run into a fault, and sees how both end.
+
+    Raises:
+        AssertionError, httpx.HTTPError: the mission never got so far, the service never came back, or the mission didn't end.
+    """
+    if not fault.apart:
+        return _play(fault, faulty)
+    faulty.wrap(fault.apart, f"ip netns exec {NETWORK}")
+    try:
+        return _play(fault, faulty)
+    finally:
+        faulty.wrap(fault.apart, "")
+
+
+def _play(fault: Fault, faulty: Faulty) -> Played:
     system = faulty.system
-    if fault.phase == "exploring":
-        faulty.forget_maps()
+    search = _search_until_it_is_time(fault, faulty)
     before = system.services()
-    id = system.search(_TARGETS[number % len(_TARGETS)])
-    began_s = time.monotonic()
-    last: dict[str, object] = {}
-
-    def reached() -> bool:
-        nonlocal last
-        last = system.mission(id) or last
-        return last.get("phase") == fault.phase or last.get("state") in FINISHED_STATES
-
-    until(reached, lambda: f"it never was {fault.phase}: {last}\n{system.said}", 90)
-    recovery_s = fault.strike(faulty)
-    end = system.end(id, timeout_s=240)
-    wrong = [f"store damaged: {what}" for what in faulty.damaged_stores()]
+    search.longest_s = 0.0
+    with ThreadPoolExecutor(1) as pool:
+        strike = pool.submit(fault.strike, faulty)
+        end = search.until(lambda _: False, END_S)
+        took_s = time.monotonic() - search.began_s
+        recovery_s = strike.result()
+    wrong = [f"store damaged: {what}" for what in _damaged_for_good(faulty)]
     if end["state"] != "done" and not end.get("error"):
         wrong.append(f"ended as {end['state']} without a reason")
     for name, service in system.services().items():
@@ -185,5 +195,55 @@ def play(fault: Fault, faulty: Faulty, number: int = 0) -> Played:
     missing = [name for name in SERVICES if system.pid(name) is None]
     wrong += [f"{name} doesn't run" for name in missing]
     error = str(end.get("error") or "")
-    took_s = time.monotonic() - began_s
-    return Played(fault.name, str(end["state"]), bool(end["found"]), error, recovery_s, took_s, tuple(wrong))
+    return Played(
+        fault.name, str(end["state"]), bool(end["found"]), error, recovery_s, took_s, tuple(wrong), search.longest_s
+    )
+
+
+def _search_until_it_is_time(fault: Fault, faulty: Faulty) -> Search:
+    """A search that is in the phase in which the fault shall happen. One that is over before is followed by another one."""
+    for _ in range(3):
+        if fault.phase == "exploring":
+            faulty.forget_maps()
+        target = _TARGETS[faulty.n_searches % len(_TARGETS)]  # never twice the same in a row: the robot stands there
+        faulty.n_searches += 1
+        search = Search(faulty.system, faulty.system.search(target))
+        last = search.until(lambda last: last.get("phase") in _PHASES[fault.phase], 90)
+        if last["state"] not in FINISHED_STATES:
+            return search
+    raise AssertionError(f"three searches were over before they were {fault.phase}: {last}")
+
+
+def _damaged_for_good(faulty: Faulty) -> list[str]:
+    """What is wrong with the stores after services have had the time to set damaged ones aside."""
+    end_s = time.monotonic() + 10.0
+    while (found := faulty.damaged_stores()) and time.monotonic() < end_s:
+        time.sleep(0.5)
+    return found
+
+
+class Search:
+    """A mission that is followed through the gateway.
+
+    Attributes:
+        longest_s: the longest time for which it made no step.
+    """
+
+    def __init__(self, system: Up, id: str) -> None:
+        self._system, self._id = system, id
+        self._last: dict[str, Any] = {}
+        self.began_s = self._moved_s = time.monotonic()
+        self.longest_s = 0.0
+
+    def until(self, reached: Callable[[dict[str, Any]], bool], timeout_s: float) -> dict[str, Any]:
+        """Follows the mission until that is reached, or until it has ended; returns what it is like then."""
+        end_s = time.monotonic() + timeout_s
+        while not (reached(self._last) or self._last.get("state") in FINISHED_STATES):
+            assert time.monotonic() < end_s, f"neither reached nor over: {self._last}\n{self._system.said}"
+            time.sleep(_LOOK_S)
+            newest = self._system.mission(self._id) or self._last
+            now_s = time.monotonic()
+            if newest.get("step") != self._last.get("step"):
+                self.longest_s, self._moved_s = max(self.longest_s, now_s - self._moved_s), now_s
+            self._last = newest
+        return self._last

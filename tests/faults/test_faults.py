@@ -26,17 +26,18 @@ def system(tmp_path_factory: pytest.TempPathFactory, home_cache: Path) -> Iterat
 def test_a_search_survives(fault: Fault, system: Faulty, capsys: pytest.CaptureFixture[str]) -> None:
     if why := why_not(fault, system):
         pytest.skip(why)
-    played = play(fault, system, FAULTS.index(fault))
+    played = play(fault, system)
     with capsys.disabled():
-        print(f"\n  {played.state}, back after {played.recovery_s:.1f} s, search of {played.mission_s:.0f} s ", end="")
+        times = f"back after {played.recovery_s:.1f} s, stood still for {played.standstill_s:.1f} s, all {played.mission_s:.0f} s"
+        print(f"\n  {played.state}, {times} ", end="")
     assert not played.wrong, played
-    assert (played.state, played.found) == ("done", True), played
+    if not (fault.may_fail and played.error == fault.may_fail):
+        assert (played.state, played.found) == ("done", True), played
 
 
 def test_bring_ups_leave_nothing_behind(tmp_path: Path, home_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SURVEILNAV_CACHE_DIR", str(home_cache))
     bring_up(tmp_path / "first")  # what stays for good: libraries, caches
     before = Leftovers.now()
-    for number in range(2):
-        bring_up(tmp_path / str(number))
+    assert [bring_up(tmp_path / str(number))[1] for number in range(2)] == [[], []]
     assert Leftovers.now().beyond(before) == []

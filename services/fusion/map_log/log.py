@@ -210,10 +210,15 @@ class MapLog:
         return self.state in (LogState.READY, LogState.NO_FILE)
 
     def _recover(self) -> None:
-        """Restores the maps from the file. A file that can't be used is set aside; one that can't be read now is tried again."""
+        """Restores the maps from the file. A file that can't be used is set aside; one that can't be read now is tried again.
+
+        A file that is damaged elsewhere is set aside with the maps restored: views that are written into it might be lost.
+        """
         began_s = time.monotonic()
         try:
             self._replay(restore_snapshot(self._store, self._node, self._maps, self.removals.load()))
+            if damage := self._store.damage():
+                raise StoreError("corrupt", damage)
             self.state = LogState.READY
         except (SnapshotError, StoreError) as error:
             if isinstance(error, StoreError) and error.name == "unwritable":

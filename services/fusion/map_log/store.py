@@ -259,6 +259,12 @@ class Store:
             rows = db.execute("SELECT data FROM removal ORDER BY id").fetchall()
         return [_REMOVAL.decode(data) for (data,) in rows]
 
+    def damage(self) -> str:
+        """What SQLite finds wrong with the file; "" if it is sound. Reads all of it: 600 MB in 1 to 5 s. Raises StoreError."""
+        with self._reading() as db:
+            found = bytes(db.execute("PRAGMA quick_check(1)").fetchone()[0])
+        return "" if found == b"ok" else found.decode(errors="replace")[:200]
+
     def wipe(self) -> None:
         """Overwrites everything in the file that was deleted, now and from now on. Raises StoreError."""
         self.close()  # to be opened again with the new setting

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import sys
@@ -39,6 +40,9 @@ def run_service(main: Callable[[], None]) -> int:
         return 1
     except KeyboardInterrupt:
         return 130
+    finally:
+        # Python would look through all objects before it ends, which takes seconds on a busy machine once Numba has compiled.
+        gc.freeze()
     return 0
 
 

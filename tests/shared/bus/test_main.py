@@ -39,6 +39,17 @@ def test_a_service_ends_when_its_standard_input_is_closed_if_it_was_told_so(told
     assert code == (0 if told else None)
 
 
+def test_a_service_that_ends_does_not_look_through_all_objects_once_more():
+    program = """
+import atexit, gc, sys
+from surveilnav.bus.main import run_service
+atexit.register(lambda: print(gc.get_freeze_count() > 1000))
+sys.exit(run_service(lambda: None))
+"""
+    ended = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True)
+    assert ended.stdout == "True\n"
+
+
 def test_a_warm_up_that_fails_keeps_no_service_from_starting():
     def warm_up():
         raise ZeroDivisionError("no room")

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -44,3 +47,15 @@ def test_without_a_gpu_of_its_own_onnx_runtime_runs_on_the_processor(
     monkeypatch.setattr(onnxruntime, "get_available_providers", lambda: [CPU])
     open_session(Path("a.onnx"), Runtime("cuda"))
     assert opened["providers"] == [CPU]
+
+
+def test_onnx_runtime_does_not_report_its_use(tmp_path: Path) -> None:
+    environment = {name: value for name, value in os.environ.items() if name not in ("CI", "ORT_DISABLE_TELEMETRY")}
+    program = "import surveilnav.perception.detectors.onnx_file"
+    subprocess.run(
+        [sys.executable, "-c", program], check=True, env=environment | {"HOME": str(tmp_path), "TMPDIR": str(tmp_path)}
+    )
+    left = [
+        path.name for path in tmp_path.rglob("*") if path.name in (".ses", "deviceid") or "onnxruntime" in path.name
+    ]
+    assert left == []  # ids and reports that it would keep until they are sent

@@ -187,6 +187,37 @@ def test_a_page_of_garbage_is_survived_with_what_could_be_read(run):
     assert r.start().joint.revision == revision + 1  # and from then on nothing is lost any more
 
 
+def test_a_file_damaged_where_a_restart_does_not_read_is_replaced_with_the_maps(run):
+    r = run(snapshot_views=4)
+    for seq in range(1, 10):
+        r.take(seq)
+        r.log._snapshots.wait()
+    before = dump(r.maps.joint)
+    r.close()
+    overwrite_page_of(r.path, "event_of")
+    r.start()
+    assert r.node.said == ["store_corrupt", "restored"]
+    assert r.path.with_name("fusion.sqlite.corrupt").exists()
+    assert dump(r.maps.joint) == before
+    r.take(10)
+    assert r.log._store.damage() == ""
+    before = dump(r.maps.joint)
+    r.close()
+    assert dump(r.start().joint) == before
+    assert r.maps.processed.robots["r"].seq == 10
+
+
+def overwrite_page_of(path, name: str) -> None:
+    """Writes garbage over the first page of a table or an index."""
+    with sqlite3.connect(path) as db:
+        (page,) = db.execute("SELECT rootpage FROM sqlite_master WHERE name = ?", (name,)).fetchone()
+        (size,) = db.execute("PRAGMA page_size").fetchone()
+    db.close()
+    with path.open("r+b") as file:
+        file.seek((page - 1) * size)
+        file.write(np.random.default_rng(0).bytes(size))
+
+
 def test_another_version_or_another_voxel_size_is_set_aside_and_said(run):
     r = run(snapshot_views=2)
     r.take(1, 2, 3)
