@@ -19,13 +19,10 @@ from surveilnav.security.folder import ACCESS, CA, CERTIFICATE, KEY, SecurityFol
 from surveilnav.services.gateway.core.resources import NEEDED
 
 _SOON_S = 5.0
-<<<<<<< HEAD
 #: The setting by which several fusion services share a building.
 _SHARDS = "SURVEILNAV_FUSION__SHARDS"
-=======
 #: Services that are stopped have this long to end by themselves, as in containers: on a busy machine 5 s were too few.
 _GRACE_S = 10.0
->>>>>>> faults
 _WHY_LATE = "; after an installation they compile their loops for half a minute"
 
 
