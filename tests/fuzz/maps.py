@@ -154,7 +154,8 @@ class Fusion:
     def digest(self) -> str:
         """Of what the maps hold. What is remembered of views that were refused isn't part of it."""
         maps = freeze(self.maps.joint)
-        return digest({**maps, "maps": {**maps["maps"], "validator": 0, "climbs": 0}})
+        remembered = dict.fromkeys(("validator", "climbs", "quarantine"), 0)
+        return digest({**maps, "maps": {**maps["maps"], **remembered}})
 
     def renew(self) -> None:
         """Begins with empty maps again."""
