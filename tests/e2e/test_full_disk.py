@@ -33,8 +33,17 @@ class Disk:
 
     def fill(self) -> None:
         """Leaves no room at all."""
-        used = shutil.disk_usage(self.folder).used
-        self._mount("mount", "-o", f"remount,size={used}")
+
+        def filled() -> bool:
+            try:
+                self._mount("mount", "-o", f"remount,size={shutil.disk_usage(self.folder).used}")
+            except (
+                subprocess.CalledProcessError
+            ):  # somebody wrote meanwhile: so much doesn't fit into that size any more
+                return False
+            return True
+
+        until(filled)
 
     def make_room(self) -> None:
         self._mount("mount", "-o", "remount,size=4g")

@@ -64,9 +64,10 @@ def camera(file: Path, bus: BusSettings) -> Iterator[subprocess.Popen[bytes]]:
 
 
 @contextmanager
-def started(file: Path, bus: BusSettings) -> Iterator[subprocess.Popen[bytes]]:
-    """A camera node's process, which takes any free camera of the file."""
+def started(file: Path, bus: BusSettings, health_file: Path | None = None) -> Iterator[subprocess.Popen[bytes]]:
+    """A camera node's process, which takes any free camera of the file. While none is free, it touches ``health_file``."""
     variables = {
+        **({"SURVEILNAV_BUS__HEALTH_FILE": str(health_file)} if health_file else {}),
         "SURVEILNAV_BUS__ROUTER": str(bus.router),
         "SURVEILNAV_BUS__BUILDING": bus.building,
         "SURVEILNAV_CAMERA__FILE": str(file),
@@ -120,8 +121,9 @@ def test_a_spare_process_outlives_a_broken_file_and_takes_a_camera_that_is_added
 ) -> None:
     client: Node = make_node("test", "t", alive=False)
     until(lambda: client.alive("camera") == {"hall"}, lambda: client.alive("camera"), timeout_s=30.0)
-    with started(file, bus) as spare:
-        time.sleep(3.0)
+    waiting = file.parent / "healthy"
+    with started(file, bus, waiting) as spare:
+        until(waiting.exists, "the spare process waits for a camera", timeout_s=60.0)
         file.write_text("cameras: [", encoding="utf-8")
         time.sleep(5.0)
         assert (camera.poll(), spare.poll()) == (None, None)
