@@ -63,7 +63,8 @@ def test_an_image_holds_exactly_what_is_locked():
     listed = versions(sbom.as_json(sbom.bom_of("surveilnav", sbom.inventory_of("surveilnav"))))
     lock = (ROOT / "requirements/services.txt").read_text(encoding="utf-8")
     locked = {re.sub(r"[-_.]+", "-", n).lower(): v for n, v in re.findall(r"^([\w.-]+)==(\S+)", lock, re.MULTILINE)}
-    assert {name: listed.get(f"pypi/{name}") for name in locked} == locked
+    found = {re.sub(r"[-_.]+", "-", name): version for name, version in listed.items()}  # an inventory keeps dots
+    assert {name: found.get(f"pypi/{name}") for name in locked} == locked
     assert listed["pypi/surveilnav"]
     assert "pypi/torch" not in listed
     assert "pypi/open3d-cpu" not in listed
