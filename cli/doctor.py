@@ -49,9 +49,8 @@ def _python() -> Finding:
 
 
 def _packages() -> list[Finding]:
-    importlib.import_module(
-        "surveilnav.perception.detectors"
-    )  # before ONNX Runtime: it then reports nothing to its maker
+    # Imported before ONNX Runtime, which then reports nothing to its maker.
+    importlib.import_module("surveilnav.perception.detectors")
     findings = []
     remedies = {"open3d": "apt-get install libusb-1.0-0 libgl1 libegl1 libgomp1 libx11-6"}
     for name in ("zenoh", "open3d", "numba", "onnxruntime", "cv2", "fastapi"):

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
-from surveilnav.bus import Node, Received, Refused, Unanswered
+from surveilnav.bus import Node, Received, Refused, Unanswered, keep_request_id
 from surveilnav.contract import Stream
 from surveilnav.services.gateway.core.problems import Problem, refusal
 
@@ -44,6 +45,36 @@ def request_existing(node: Node, what: str, id: str, owner: str, stream: Stream,
             detail = f"no {what} {id!r}" + (f": {problem.detail}" if problem.status == 409 else "")
             raise Problem(404, "not_found", detail) from problem
         raise
+
+
+def request_each(node: Node, owner: str, stream: Stream, message: Any, not_mine: str, **options: Any) -> dict[str, Any]:
+    """Sends a request to every service of a kind, and returns the answers by the services' ids.
+
+    Args:
+        owner: the kind, which is also the field of the stream's key that holds a service's id.
+        not_mine: the name of the refusal by which a service says that this concerns others.
+
+    Raises:
+        Problem: none is there, one refuses for another reason, or this concerns none.
+    """
+    ids = sorted(node.alive(owner))
+    if not ids:
+        raise absent(owner)
+
+    def ask(id: str) -> Any:
+        try:
+            return request(node, owner, stream, message, **options, **{owner: id}).message
+        except Problem as problem:
+            return problem
+
+    with ThreadPoolExecutor(len(ids)) as pool:
+        replies = dict(zip(ids, pool.map(keep_request_id(ask), ids), strict=True))
+    answers = {id: reply for id, reply in replies.items() if not isinstance(reply, Problem)}
+    problems = [reply for reply in replies.values() if isinstance(reply, Problem)]
+    others = [problem for problem in problems if problem.name != not_mine]
+    if others or not answers:
+        raise (others or problems)[0]
+    return answers
 
 
 def absent(owner: str) -> Problem:

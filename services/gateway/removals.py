@@ -11,7 +11,7 @@ from surveilnav.bus import clock_ns
 from surveilnav.errors import SurveilNavError
 from surveilnav.messages import MapRemoval, RemoveFromMaps
 from surveilnav.rest import ROOT, Items, NewRemoval, Removal
-from surveilnav.services.gateway.bus_requests import absent, request
+from surveilnav.services.gateway.bus_requests import request_each
 from surveilnav.services.gateway.core.problems import Problem
 from surveilnav.services.gateway.core.resources import resource_from, utc
 from surveilnav.services.gateway.maps import Maps
@@ -66,24 +66,10 @@ class Removals:
             since_ns=_stamp_ns(wanted.since),
             until_ns=_stamp_ns(wanted.until),
         )
-        fusions = sorted(self._node.alive("fusion"))
-        if not fusions:
-            raise absent("fusion")
-        begun: list[Removal] = []
-        refusals: list[Problem] = []
-        for fusion in fusions:
-            try:
-                removal = request(self._node, "fusion", contract.REMOVE_FROM_MAPS, message, fusion=fusion).message
-            except Problem as problem:
-                refusals.append(problem)
-                continue
-            self._begun[fusion] = removal
-            begun.append(removal_from_message(_id_of(fusion, removal), removal))
-        if serious := [problem for problem in refusals if problem.name != "unknown_source"] or (
-            [] if begun else refusals
-        ):
-            raise serious[0]
-        return begun[0]
+        begun = request_each(self._node, "fusion", contract.REMOVE_FROM_MAPS, message, not_mine="unknown_source")
+        self._begun |= begun
+        fusion, removal = next(iter(begun.items()))
+        return removal_from_message(_id_of(fusion, removal), removal)
 
     def forget_outdated(self) -> None:
         """Once a removal has ended, forgets answers about the maps of before, and floors that fusion has no maps of any more."""

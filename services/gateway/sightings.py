@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from fastapi import APIRouter
 
 from surveilnav import contract
-from surveilnav.bus import clock_ns, keep_request_id
+from surveilnav.bus import clock_ns
 from surveilnav.messages import CameraSearch, CameraSearchReport, ObjectRecord
 from surveilnav.rest import ROOT, SearchedCamera, SearchedRoom, Sighting, Sightings, SightingsRequest
-from surveilnav.services.gateway.bus_requests import request
+from surveilnav.services.gateway.bus_requests import request, request_each
 from surveilnav.services.gateway.core.problems import Problem
 from surveilnav.services.gateway.core.resources import resource_from, utc
 from surveilnav.services.gateway.core.selection import ObjectFilter
@@ -64,27 +63,12 @@ class CameraSightings:
 
     def _report(self, question: CameraSearch, timeout_s: float) -> CameraSearchReport:
         """What came of a search. One on all floors is put to every fusion service, each of which has floors of its own."""
-        fusions = sorted(self._state.node.alive("fusion"))
-
-        def ask(fusion: str) -> CameraSearchReport | Problem:
-            ids = {"fusion": fusion} if fusion else {}
-            try:
-                row = request(self._state.node, "fusion", contract.CAMERA_SEARCH, question, timeout_s=timeout_s, **ids)
-            except Problem as problem:
-                return problem
-            report: CameraSearchReport = row.message
-            return report
-
-        if question.floor or len(fusions) < 2:
-            answers = [ask("")]
-        else:
-            with ThreadPoolExecutor(len(fusions)) as pool:
-                answers = list(pool.map(keep_request_id(ask), fusions))
-        reports = [answer for answer in answers if not isinstance(answer, Problem)]
-        problems = [answer for answer in answers if isinstance(answer, Problem)]
-        if serious := [p for p in problems if p.name != "no_camera"] or ([] if reports else problems):
-            raise serious[0]
-        return merged(reports)
+        node, stream = self._state.node, contract.CAMERA_SEARCH
+        if question.floor:
+            row = request(node, "fusion", stream, question, timeout_s=timeout_s)
+            return merged([row.message])
+        reports = request_each(node, "fusion", stream, question, not_mine="no_camera", timeout_s=timeout_s)
+        return merged(list(reports.values()))
 
     def _sighting(self, record: ObjectRecord) -> Sighting:
         return resource_from(

@@ -58,8 +58,7 @@ class MissionBus:
         began_s = time.monotonic()
         while True:
             try:
-                timeout_s = self.settings.ask_timeout_s
-                status: RobotStatus = self.node.ask(ROBOT_STATUS, robot=self.robot, timeout_s=timeout_s).message
+                status = self._ask_robot_status()
                 if not (fault := _fault_of(status)):
                     return status
                 self.node.reject(ROBOT_STATUS.name, f"robot {self.robot}: {fault}")
@@ -178,12 +177,15 @@ class MissionBus:
     def _has_other_observation(self, seq: int) -> bool:
         """Whether the robot says so. One that is silent doesn't."""
         try:
-            status: RobotStatus = self.node.ask(
-                ROBOT_STATUS, robot=self.robot, timeout_s=self.settings.ask_timeout_s
-            ).message
+            return self._ask_robot_status().seq != seq
         except (Unanswered, Refused, WireError):
             return False
-        return status.seq != seq
+
+    def _ask_robot_status(self) -> RobotStatus:
+        status: RobotStatus = self.node.ask(
+            ROBOT_STATUS, robot=self.robot, timeout_s=self.settings.ask_timeout_s
+        ).message
+        return status
 
     def _missing_service(self, revision: Revision | None, otherwise: str) -> tuple[str, str]:
         """Which service is holding up the maps. Returns the failure name for the mission and a message for people."""

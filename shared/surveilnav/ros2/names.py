@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 import struct
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from surveilnav.errors import WireError
@@ -116,19 +116,8 @@ class Entity:
         if kind == "NN":
             return entity
         name, type_name, type_hash, qos = parts[9:]
-        return cls(
-            domain,
-            parts[2],
-            node_id,
-            id,
-            kind,  # type: ignore[arg-type]
-            node,
-            namespace,
-            enclave,
-            name=_demangled(name),
-            type_name=ros_type(type_name),
-            type_hash=type_hash,
-            qos=Qos.decode(qos),
+        return replace(
+            entity, name=_demangled(name), type_name=ros_type(type_name), type_hash=type_hash, qos=Qos.decode(qos)
         )
 
 

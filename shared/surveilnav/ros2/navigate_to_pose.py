@@ -165,11 +165,6 @@ class NavigateToPoseServer:
         cancel: Callable[[bytes], bool],
         *,
         action: str = "navigate_to_pose",
-        type_hashes: tuple[str, str, str] = (
-            "RIHS01_" + "0" * 63 + "1",
-            "RIHS01_" + "0" * 63 + "2",
-            "RIHS01_" + "0" * 63 + "3",
-        ),
     ) -> None:
         self._accept, self._cancel = accept, cancel
         self._results: dict[bytes, GoalResult] = {}
@@ -180,8 +175,10 @@ class NavigateToPoseServer:
             ("get_result", f"{package}/{name}_GetResult", f"{package}/{name}_GetResult_Request", self._on_result),
             ("cancel_goal", "action_msgs/srv/CancelGoal", "action_msgs/srv/CancelGoal_Request", self._on_cancel),
         )
-        for (service, type_name, request_type, handler), type_hash in zip(services, type_hashes, strict=True):
-            session.serve(f"{action}/_action/{service}", type_name, request_type, handler, type_hash)
+        for service, type_name, request_type, handler in services:
+            # ROS's own hash of a service isn't known here; clients take it from the token
+            hash_of_request = types.type_hash(request_type)
+            session.serve(f"{action}/_action/{service}", type_name, request_type, handler, hash_of_request)
         self._feedback = session.publisher(
             f"{action}/_action/feedback", "nav2_msgs/action/NavigateToPose_FeedbackMessage"
         )
