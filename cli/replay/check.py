@@ -19,7 +19,7 @@ from surveilnav.services.fusion.core.snapshot import SnapshotError, digest, free
 from surveilnav.services.fusion.core.views.validation import ViewError
 from surveilnav.services.fusion.map_log.recovery import perceived_from_entry
 from surveilnav.services.fusion.map_log.store import Entry
-from surveilnav.services.recorder.core.facts import ONLY_FUSION, fact_name
+from surveilnav.services.recorder.core.facts import fact_name
 from surveilnav.services.recorder.reading import RecordingError
 from surveilnav.services.recorder.recorded import (
     RecordedDamage,
@@ -106,9 +106,9 @@ def check(path: Path) -> Outcome:
             case RecordedMaps():
                 made[found.fusion] = _RemadeMaps(maps_of(found))
             case RecordedMessage(stream=stream, message=message, payload=payload) if (
-                stream is VIEW_LOG and (message.fusion or ONLY_FUSION) in made
+                stream is VIEW_LOG and message.fusion in made
             ):
-                made[message.fusion or ONLY_FUSION].integrate(message, payload)
+                made[message.fusion].integrate(message, payload)
             case RecordedEnd():
                 facts = found.facts
     if not made:

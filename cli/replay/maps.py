@@ -21,7 +21,6 @@ from surveilnav.services.fusion.intake.workers import Workers
 from surveilnav.services.fusion.map_log.log import MapLog
 from surveilnav.services.fusion.map_log.recovery import perceived_from_entry
 from surveilnav.services.fusion.map_log.store import Store
-from surveilnav.services.recorder.core.facts import ONLY_FUSION
 from surveilnav.services.recorder.recorded import RecordedMaps
 
 
@@ -35,7 +34,6 @@ class ReplayedMaps:
         self._node, self._folder = node, folder
         self._texts = TextEncoder(Workers(node))
         self._parts: dict[str, _Part] = {}  # by fusion service
-        self._is_ready = False
         self._n_begun = 0
         node.serve(MAP_LAYER, lambda request: self._part_with(request).layers.layer(request), workers=3)
         node.serve(OBJECTS, self._objects)
@@ -44,12 +42,11 @@ class ReplayedMaps:
     def begin(self, maps: RecordedMaps) -> None:
         """Goes on from a snapshot; the maps of before are gone, but for those of other fusion services."""
         maps_of(maps)  # a snapshot that can't be read raises here, and the maps of before stay
-        if not self._is_ready:
-            self.close()
+        if former := self._parts.pop(maps.fusion, None):
+            former.log.close()
+        if not self._parts:
             for old in self._folder.glob("maps-*"):
                 old.unlink()
-        elif former := self._parts.pop(maps.fusion, None):
-            former.log.close()
         self._n_begun += 1
         store = self._folder / f"maps-{self._n_begun}.sqlite"
         file = Store(store)
@@ -59,18 +56,18 @@ class ReplayedMaps:
         restored = BuildingMaps(settings.core())
         log, positions = MapLog(self._node, settings, restored), RobotPositions()
         reader = MapReader(restored, self._texts, positions)
-        part = _Part(log, restored, positions, LayerAnswers(self._node, reader), ObjectAnswers(reader, log))
-        self._parts, self._is_ready = {**self._parts, maps.fusion: part}, True
+        layers, objects = LayerAnswers(self._node, reader), ObjectAnswers(reader, log)
+        self._parts[maps.fusion] = _Part(log, restored, positions, layers, objects)
 
     def integrate(self, view: LoggedView, payload: bytes) -> None:
-        if part := self._parts.get(view.fusion or ONLY_FUSION):
+        if part := self._parts.get(view.fusion):
             perceived = perceived_from_entry(entry_of(view, payload))
             part.positions.record(perceived.header)
             part.log.integrate([perceived])
 
     def forget(self) -> None:
         """Answers nothing until it begins again: a replay that was taken back must not show maps of its future."""
-        self._is_ready = False
+        self.close()
 
     def close(self) -> None:
         for part in self._parts.values():
@@ -89,7 +86,7 @@ class ReplayedMaps:
 
     def _ready(self) -> list[_Part]:
         parts = list(self._parts.values())
-        if not self._is_ready or not parts:
+        if not parts:
             raise Refused("not_recorded", "the recording tells nothing of the maps (yet)")
         return parts
 

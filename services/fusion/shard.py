@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from surveilnav.messages.recording import ONLY_FUSION
+
 
 @dataclass(frozen=True, slots=True)
 class Shard:
@@ -23,4 +25,4 @@ class Shard:
 
 
 #: Of the only fusion service of a building.
-WHOLE_BUILDING = Shard("fusion", None)
+WHOLE_BUILDING = Shard(ONLY_FUSION, None)

@@ -11,7 +11,7 @@ import msgspec
 from mcap.records import Attachment, Channel, McapRecord, Message, Metadata, Schema
 
 from surveilnav.contract import Stream
-from surveilnav.services.recorder.core.facts import ONLY_FUSION
+from surveilnav.messages.recording import ONLY_FUSION
 from surveilnav.services.recorder.core.mcap_message import BUS_ENCODING, decode_bus_message, stream_of_topic
 from surveilnav.services.recorder.intact import Damage
 from surveilnav.services.recorder.reading import BEGIN, END, RecordingError, records

@@ -8,8 +8,9 @@ from collections.abc import Iterable, Sequence
 from surveilnav.bus import Node, clock_ns
 from surveilnav.contract import VIEW_LOG
 from surveilnav.errors import BusError
+from surveilnav.messages.recording import ONLY_FUSION
 from surveilnav.services.recorder.core.bus_message import BusMessage
-from surveilnav.services.recorder.core.facts import ONLY_FUSION, fact_name
+from surveilnav.services.recorder.core.facts import fact_name
 from surveilnav.services.recorder.fusion_client import FusionClient
 from surveilnav.services.recorder.recorded_mission import LogPosition, RecordedMission
 from surveilnav.services.recorder.writer import RecordingWriter

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from surveilnav.messages import MissionStatus
+from surveilnav.messages.recording import ONLY_FUSION
 from surveilnav.perception.prompts import value_prompt
-
-#: The fusion service of a building that has one. Recordings of earlier releases don't name it.
-ONLY_FUSION = "fusion"
 
 
 def mission_facts(mission: str, status: MissionStatus, building: str) -> dict[str, str]:

@@ -8,6 +8,9 @@ import msgspec
 
 from surveilnav.messages.base import Message
 
+#: The id of a building's only fusion service. Recordings of earlier releases, which had no other, don't name it.
+ONLY_FUSION = "fusion"
+
 
 class LoggedView(Message, frozen=True, kw_only=True):
     """An entry of fusion's log of views, from which the maps can be rebuilt exactly. The payload is the picture.
@@ -33,7 +36,7 @@ class LoggedView(Message, frozen=True, kw_only=True):
     digest: bytes = b""
     fault: str = ""
     removals: int = 0
-    fusion: str = ""
+    fusion: str = ONLY_FUSION
 
 
 class MapSnapshot(Message, frozen=True, kw_only=True):
@@ -53,7 +56,7 @@ class MapSnapshot(Message, frozen=True, kw_only=True):
     offset: int = 0
     n_bytes: int = 0
     removals: int = 0
-    fusion: str = ""
+    fusion: str = ONLY_FUSION
 
 
 class RecorderStatus(Message, frozen=True, kw_only=True):
