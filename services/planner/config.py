@@ -40,6 +40,11 @@ class PlannerSettings(BaseSettings):
     command_deadline_s: float = Field(
         default=60.0, gt=0, description="the robot stops if it receives no command for this long"
     )
+    decision_period_s: float = Field(
+        default=1.0,
+        gt=0,
+        description="while a robot drives to a waypoint by itself, the next decision is made after this time at the latest",
+    )
     max_steps: int = Field(default=5000, ge=1, description="the most steps that a mission may ask for")
     max_queued: int = Field(default=100, ge=0, description="how many missions may wait for a robot")
     finished_missions_kept: int = Field(

@@ -9,13 +9,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import cast
 
+from pydantic import ValidationError
+
 from surveilnav.bus import Node, Refused, Table, Unanswered, clock_ns, keep_request_id
 from surveilnav.contract import CAMERA_SEARCH, MAP_REVISION, ROBOT_COMMAND, ROBOT_STATUS
 from surveilnav.errors import WireError
-from surveilnav.messages import CameraSearch, Command, CommandReply, Revision, RobotStatus, Stair
+from surveilnav.messages import CameraSearch, Command, CommandReply, Revision, RobotStatus, Stair, WaypointPose
 from surveilnav.messages.robot import ActionName
 from surveilnav.services.planner.config import PlannerSettings
-from surveilnav.services.planner.core import FloorMaps
+from surveilnav.services.planner.core import FloorMaps, PlannerConfig
 from surveilnav.services.planner.floor_maps import FloorMapsClient
 
 _POLL_S = 0.004
@@ -118,8 +120,10 @@ class MissionBus:
         while asking.is_alive():  # on a thread of its own, so that cancelling doesn't wait for the cameras
             self._pause(_LOOKING_S)
 
-    def move(self, action: str, seq: int, mission: str, to_floor: str | None = None) -> int:
-        """Has the robot carry out one action after observation ``seq``; returns its newest sequence number.
+    def move(
+        self, action: str, seq: int, mission: str, to_floor: str | None = None, waypoint: WaypointPose | None = None
+    ) -> bool:
+        """Has the robot carry out one action after observation ``seq``. False: it is at another observation, so it didn't.
 
         A command whose answer was lost isn't repeated blindly: the robot's sequence number tells whether it was carried out.
 
@@ -128,26 +132,45 @@ class MissionBus:
             MissionFailedError: it didn't answer for ``robot_timeout_s``.
         """
         began_s = time.monotonic()
-        deadline_ms = round(self.settings.command_deadline_s * 1000)
         while True:
-            command = Command(
-                stamp_ns=clock_ns(),
-                action=cast("ActionName", action),
-                seq_expected=seq,
-                deadline_ms=deadline_ms,
-                to_floor=to_floor,
-                mission=mission,
-            )
             try:
-                reply: CommandReply = self.node.ask(
-                    ROBOT_COMMAND, command, robot=self.robot, timeout_s=self.settings.ask_timeout_s
-                ).message
-                return reply.seq  # if it isn't seq + 1, the robot has refused: it is at another observation
+                return self._command(action, seq, mission, to_floor, waypoint).seq == seq + 1
             except Unanswered as error:
                 self._wait_for_robot(began_s, error)
                 newest = self.robot_status().seq
                 if newest != seq:
-                    return newest
+                    return newest == seq + 1
+
+    def wait_for_next_decision(self, waypoint: WaypointPose | None, config: PlannerConfig) -> None:
+        """Returns when the next decision is due: at once, since this robot stands still between two actions."""
+
+    def hold(self, mission: str) -> None:
+        """Has the robot stop where it is, and wait: this one stands still anyway."""
+
+    def _command(
+        self, action: str, seq: int, mission: str, to_floor: str | None, waypoint: WaypointPose | None
+    ) -> CommandReply:
+        command = Command(
+            stamp_ns=clock_ns(),
+            action=cast("ActionName", action),
+            seq_expected=seq,
+            deadline_ms=round(self.settings.command_deadline_s * 1000),
+            to_floor=to_floor,
+            mission=mission,
+            waypoint=waypoint,
+        )
+        reply: CommandReply = self.node.ask(
+            ROBOT_COMMAND, command, robot=self.robot, timeout_s=self.settings.ask_timeout_s
+        ).message
+        return reply
+
+    def _holds(self, revision: Revision, seq: int) -> bool:
+        """Whether maps contain the robot's observation ``seq``, and no later one."""
+        return revision.robots.get(self.robot) == seq
+
+    def _is_other(self, newest_seq: int, seq: int) -> bool:
+        """Whether the robot's newest observation means that nobody will publish ``seq`` any more."""
+        return newest_seq != seq
 
     def _revision_with(self, seq: int, began_s: float) -> Revision | None:
         """Waits until a floor's maps contain the robot's observation ``seq``; returns the newest revision of that floor.
@@ -158,13 +181,13 @@ class MissionBus:
         asked_s = time.monotonic()
         while True:
             rows = [row.message for row in self.revisions.rows()]
-            if holding := [r for r in rows if r.robots.get(self.robot) == seq]:
+            if holding := [r for r in rows if self._holds(r, seq)]:
                 return max(holding, key=lambda r: r.stamp_ns)
             now_s = time.monotonic()
             if now_s - asked_s > _ASK_AGAIN_S:  # a published revision is lost if the router restarts
                 asked_s = now_s
                 for received in self.node.ask_all(MAP_REVISION, timeout_s=self.settings.ask_timeout_s):
-                    if received.message.robots.get(self.robot) == seq:
+                    if self._holds(received.message, seq):
                         return cast("Revision", received.message)
                 if self._has_other_observation(seq):
                     return None
@@ -177,7 +200,7 @@ class MissionBus:
     def _has_other_observation(self, seq: int) -> bool:
         """Whether the robot says so. One that is silent doesn't."""
         try:
-            return self._ask_robot_status().seq != seq
+            return self._is_other(self._ask_robot_status().seq, seq)
         except (Unanswered, Refused, WireError):
             return False
 
@@ -229,6 +252,11 @@ def _fault_of(status: RobotStatus) -> str:
         return f"expected its camera's pitch in radians, got {status.pitch_rad}"
     if not 0.0 <= status.path_m < math.inf:
         return f"expected the length of its way in metres, 0 or more, got {status.path_m}"
+    try:
+        PlannerConfig().for_robot(status.description)
+    except ValidationError as error:
+        fault = error.errors()[0]
+        return f"its description can't be: {fault['loc'][0]} {fault['msg']}"
     return ""
 
 

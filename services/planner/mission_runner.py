@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import threading
 import time
-from dataclasses import replace
-
-import msgspec
+from dataclasses import fields, replace
 
 from surveilnav.bus import Refused, bound_request_id, clock_ns
-from surveilnav.messages import FINISHED_STATES, MissionGoal, MissionStatus, Plan, RobotStatus
-from surveilnav.services.planner.core import FloorMaps, MissionState, RobotView, step
+from surveilnav.messages import FINISHED_STATES, MissionGoal, MissionStatus, Plan, RobotDescription, RobotStatus
+from surveilnav.services.planner.core import FloorMaps, RobotView, step
 from surveilnav.services.planner.floor_maps import FloorMapsClient
 from surveilnav.services.planner.mission_bus import MissionBus, MissionCancelledError, MissionFailedError
 from surveilnav.services.planner.mission_report import MissionReport, plan_from_decision
-from surveilnav.services.planner.mission_start import MissionContext, as_asked
+from surveilnav.services.planner.mission_start import MissionContext, as_asked, load_state
 from surveilnav.services.planner.pausing import Pause, PausedError
 from surveilnav.services.planner.store import PendingAction, SavedMission, StoreError
+from surveilnav.services.planner.waypoint_bus import WaypointBus
 
 #: How often in a row a robot may refuse a stair before the mission fails. The core gives up the stair long before that.
 _MAX_REFUSALS = 5
@@ -36,7 +35,7 @@ class MissionRunner:
         self._node, self._settings, self._store = context.node, context.settings, context.store
         self._summaries = context.summaries
         self.report, self.robot = MissionReport(context.node, saved.status, saved.plan), saved.status.robot
-        self._state = self._load_state(saved)
+        self._state = load_state(saved, self._node)
         self._pending, self._cancel, self._pause = saved.pending, saved.cancel, Pause(saved.paused)
         self.wanted_robot = saved.wanted_robot
         self._robot_path_m = saved.robot_path_m
@@ -56,6 +55,7 @@ class MissionRunner:
             self.report.publish_waiting,
             self._check_interrupted,
         )
+        self._config = self._settings.core
         # summaries received before the mission count too: its choices of floor are based on them
         heard = sum(self._summaries.received_bytes().values()) - self._summaries.fresh_bytes()
         self._summary_bytes_before = heard - self.status.floor_choice_bytes
@@ -213,8 +213,10 @@ class MissionRunner:
         A resumed mission starts with the action that was decided on last. By the robot's sequence number, it is known whether
         the robot has carried out that action already.
         """
+        status = self._bus.robot_status()
+        self._adapt_to(status.description)
         if self._settings.first_look_s and self._state.step == 0 and self._pending is None:
-            floor = self._bus.robot_status().floor
+            floor = status.floor
             self.report.publish_waiting(f"the cameras of floor {floor} look for a {self.status.target}")
             self._bus.first_look(self.status.target, floor, self._settings.first_look_s)
         while True:
@@ -226,6 +228,12 @@ class MissionRunner:
             if self._carry_out(self._pending):
                 return
             self._pending = None
+
+    def _adapt_to(self, robot: RobotDescription) -> None:
+        """Plans for a robot of this size that drives in this way, from now on."""
+        self._config = self._settings.core.for_robot(robot)
+        if robot.drive == "waypoints":
+            self._bus = WaypointBus(**{field.name: getattr(self._bus, field.name) for field in fields(MissionBus)})
 
     def _search_with_pauses(self) -> None:
         """Searches; after a pause the search goes on with the decision that it interrupted."""
@@ -243,6 +251,7 @@ class MissionRunner:
 
     def _wait_while_paused(self) -> None:
         """Waits until the mission is resumed. MissionCancelledError: it was cancelled, or the service ends."""
+        self._hold_robot()
         self.report.publish_status(state="paused", phase="paused", message=self._pause.reason or "")
         while self._pause.reason is not None:
             if self._cancel is not None or self._node.stopping.is_set():
@@ -253,9 +262,7 @@ class MissionRunner:
     def _decide(self, status: RobotStatus, maps: FloorMaps) -> PendingAction:
         """Decides on the next action, and writes it to the store before it is sent to the robot."""
         robot = self._robot_view(status)
-        self._state, decision = step(
-            self._state, maps, robot, self._settings.core, summaries=self._summaries.by_floor()
-        )
+        self._state, decision = step(self._state, maps, robot, self._config, summaries=self._summaries.by_floor())
         facts = {
             "step": self._state.step,
             "path_m": self._path_before_m + robot.path_m,
@@ -300,7 +307,7 @@ class MissionRunner:
     def _act(self, pending: PendingAction) -> None:
         action = str(pending.action)
         try:
-            self._bus.move(action, pending.seq, self.id, pending.to_floor)
+            self._bus.move(action, pending.seq, self.id, pending.to_floor, pending.waypoint)
         except Refused as refused:
             if refused.name == "halted":  # releasing the robot isn't enough: a person must resume the mission
                 self.pause(f"robot {self.robot} is halted: release it, then resume this mission")
@@ -311,6 +318,7 @@ class MissionRunner:
             self.report.publish_waiting(f"robot {self.robot} refused {action}: {refused}")
             return
         self._refusals = 0
+        self._bus.wait_for_next_decision(pending.waypoint, self._config)
 
     def _conclude(self, pending: PendingAction) -> bool:
         """Ends the mission as decided. False: the robot has moved on to another observation and therefore didn't stop."""
@@ -319,7 +327,7 @@ class MissionRunner:
             self._end("failed", error=pending.error, message=pending.message)
             return True
         try:
-            if self._bus.move("stop", pending.seq, self.id) != pending.seq + 1:
+            if not self._bus.move("stop", pending.seq, self.id):
                 return False
         except Refused as refused:
             raise MissionFailedError("stuck", f"robot {self.robot} refused to stop: {refused}") from refused
@@ -328,33 +336,26 @@ class MissionRunner:
 
     def _stop_robot(self) -> None:
         """Asks the robot once to stop. If that fails, the deadline of its last command stops it."""
-        world = MissionBus(
-            self._node,
-            self._settings.model_copy(update={"robot_timeout_s": 1e-3}),
-            self._bus.revisions,
-            self._bus.maps,
-            self.robot,
-            lambda _: None,
-            lambda: False,
-        )
+        bus = self._bus_for_last_command()
         try:
-            world.move("stop", world.robot_status().seq, self.id)
+            bus.move("stop", bus.robot_status().seq, self.id)
         except (MissionFailedError, Refused, MissionCancelledError) as error:
             self._node.log.warning("couldn't stop the robot", robot=self.robot, error=str(error))
 
-    # --- the store -----------------------------------------------------------------------------------------------
-
-    def _load_state(self, saved: SavedMission) -> MissionState:
-        """The core's state from the store; if it can't be read, a fresh one that continues the count of steps."""
-        status = saved.status
-        fresh = MissionState(status.target, max_steps=status.max_steps, step=status.step)
-        if not saved.memory:
-            return fresh
+    def _hold_robot(self) -> None:
+        """Has a robot that drives by itself wait where it is, while the mission is paused."""
+        bus = self._bus_for_last_command()
         try:
-            return MissionState.from_json(saved.memory.encode())
-        except msgspec.MsgspecError as error:
-            self._node.log.error("memory_unreadable: the mission begins anew", mission=status.mission, error=str(error))
-            return fresh
+            bus.hold(self.id)
+        except (MissionFailedError, Refused, MissionCancelledError) as error:
+            self._node.log.warning("couldn't have the robot wait", robot=self.robot, error=str(error))
+
+    def _bus_for_last_command(self) -> MissionBus:
+        """A bus that nothing interrupts, and that doesn't wait for a silent robot."""
+        settings = self._settings.model_copy(update={"robot_timeout_s": 1e-3})
+        return replace(self._bus, settings=settings, report_waiting=lambda _: None, cancelled=lambda: False)
+
+    # --- the store -----------------------------------------------------------------------------------------------
 
     def _save_or_warn(self) -> None:
         """Writes the mission to the store. If that fails the mission goes on, but may not survive a restart of the planner."""

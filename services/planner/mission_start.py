@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import msgspec
+
 from surveilnav.bus import Node, Table, clock_ns, request_id
 from surveilnav.messages import MissionGoal, MissionStatus, Revision, RobotStatus
 from surveilnav.services.planner.config import PlannerSettings
+from surveilnav.services.planner.core import MissionState
 from surveilnav.services.planner.store import SavedMission, Store
 from surveilnav.services.planner.summaries import Summaries
 from surveilnav.words import canonical
@@ -21,6 +24,19 @@ class MissionContext:
     revisions: Table[Revision]
     summaries: Summaries
     store: Store
+
+
+def load_state(saved: SavedMission, node: Node) -> MissionState:
+    """The core's state from the store; if it can't be read, a fresh one that continues the count of steps."""
+    status = saved.status
+    fresh = MissionState(status.target, max_steps=status.max_steps, step=status.step)
+    if not saved.memory:
+        return fresh
+    try:
+        return MissionState.from_json(saved.memory.encode())
+    except msgspec.MsgspecError as error:
+        node.log.error("memory_unreadable: the mission begins anew", mission=status.mission, error=str(error))
+        return fresh
 
 
 def new_mission(goal: MissionGoal, target: str, robot: str, message: str = "") -> SavedMission:

@@ -16,7 +16,7 @@ import msgspec
 
 from surveilnav.bus import Node
 from surveilnav.errors import SurveilNavError
-from surveilnav.messages import MissionStatus, Plan
+from surveilnav.messages import MissionStatus, Plan, WaypointPose
 from surveilnav.services.planner.core import Decision
 
 #: Version of the tables and of what is in them. A store of any other version than these two is set aside, not read.
@@ -46,6 +46,7 @@ class PendingAction(msgspec.Struct, frozen=True, kw_only=True):
     found: bool = False
     error: str = ""
     message: str = ""
+    waypoint: WaypointPose | None = None
 
     @classmethod
     def from_decision(cls, decision: Decision, seq: int) -> PendingAction:
@@ -57,6 +58,7 @@ class PendingAction(msgspec.Struct, frozen=True, kw_only=True):
             found=decision.found,
             error=decision.error,
             message=decision.message,
+            waypoint=decision.waypoint_pose,
         )
 
 

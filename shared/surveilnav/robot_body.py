@@ -23,7 +23,8 @@ CLIMB_M = 0.1
 #: Height of the camera above the floor.
 CAMERA_HEIGHT_M = 0.88
 #: Intrinsics of the camera, 640 x 480 pixels at 79 degrees, and how far it tilts up and down.
-CAMERA = Pinhole.from_hfov(640, 480, math.radians(79.0))
+HFOV_RAD = math.radians(79.0)
+CAMERA = Pinhole.from_hfov(640, 480, HFOV_RAD)
 MAX_PITCH_RAD = math.radians(60.0)
 #: (nearest, farthest) depth that the camera measures.
 DEPTH_RANGE_M = (0.5, 5.0)

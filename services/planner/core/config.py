@@ -2,11 +2,24 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from surveilnav import robot_body
+from surveilnav.messages import RobotDescription
+
+#: Which settings a robot's own description replaces.
+_OF_ROBOT = {
+    "drive": "drive",
+    "robot_radius_m": "radius_m",
+    "camera_height_m": "camera_height_m",
+    "half_fov_rad": "hfov_rad",
+    "max_pitch_rad": "max_pitch_rad",
+}
+#: So far inside the edge of its picture an object is well in view.
+_FOV_MARGIN_RAD = 0.03
 
 
 class PlannerConfig(BaseModel):
@@ -30,15 +43,36 @@ class PlannerConfig(BaseModel):
     )
 
     # --- the robot ---
+    drive: Literal["actions", "waypoints"] = Field(
+        "actions",
+        description="actions: the robot moves by one discrete action at a time; waypoints: it drives to places by itself. A "
+        "robot's description says which",
+    )
     robot_radius_m: float = Field(
-        robot_body.RADIUS_M, description="the robot's footprint is a disc of this radius (Habitat's ObjectNav robot)"
+        robot_body.RADIUS_M,
+        gt=0,
+        le=2,
+        description="the robot's footprint is a disc of this radius (Habitat's ObjectNav robot)",
     )
     step_m: float = Field(robot_body.STEP_M, description="how far move_forward goes")
     turn_rad: float = Field(robot_body.TURN_RAD, description="how far turn_left and turn_right turn")
     half_fov_rad: float = Field(
-        0.66, description="an object within this angle of the robot's heading is well inside its camera's view"
+        0.66,
+        gt=0,
+        le=math.pi,
+        description="an object within this angle of the robot's heading is well inside its camera's view",
     )
-    camera_height_m: float = Field(robot_body.CAMERA_HEIGHT_M, description="height of its camera above the floor")
+    camera_height_m: float = Field(
+        robot_body.CAMERA_HEIGHT_M, gt=0, le=4, description="height of its camera above the floor"
+    )
+    max_pitch_rad: float = Field(
+        robot_body.MAX_PITCH_RAD, ge=0, description="how far its camera tilts; 0: it doesn't tilt"
+    )
+    waypoint_tolerance_m: float = Field(
+        0.25,
+        ge=0,
+        description="a robot that drives by itself stops within this distance of a waypoint (Nav2's default)",
+    )
 
     # --- terrain ---
     comfort_clearance_m: float = Field(0.45, description="farther than this from obstacles it drives at full speed")
@@ -200,6 +234,20 @@ class PlannerConfig(BaseModel):
     # --- being stuck ---
     stuck_steps: int = Field(24, description="without getting anywhere for this many steps, the robot is stuck")
     max_recoveries: int = Field(3, description="attempts to get a stuck robot moving before the mission fails")
+
+    def for_robot(self, robot: RobotDescription) -> PlannerConfig:
+        """These settings with a robot's own size, camera and way of driving, where it differs from Habitat's robot.
+
+        Raises pydantic.ValidationError: the description holds what no robot can be.
+        """
+        usual = RobotDescription()
+        changes: dict[str, Any] = {}
+        for setting, field in _OF_ROBOT.items():
+            if (value := getattr(robot, field)) != getattr(usual, field):
+                changes[setting] = value
+        if "half_fov_rad" in changes:
+            changes["half_fov_rad"] = changes["half_fov_rad"] / 2 - _FOV_MARGIN_RAD
+        return self.changed(**changes)
 
     def changed(self, **changes: Any) -> PlannerConfig:
         """A copy with some settings changed. Raises pydantic.ValidationError."""

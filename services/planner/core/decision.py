@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from surveilnav.messages import Candidate
+from surveilnav.messages import Candidate, WaypointPose
 
 Phase = Literal["scanning", "exploring", "approaching", "confirming", "changing floor", "second look", "finished"]
 
@@ -25,6 +25,7 @@ class Decision:
         finished: the mission ends. ``found``: with the target found; the action is then ``stop``.
         error: the failure's name, empty if the mission didn't fail.
         object_id: the object that the waypoint is at, if any.
+        waypoint_pose: where the robot is to drive, with the action ``drive_to``.
     """
 
     action: str | None
@@ -39,3 +40,4 @@ class Decision:
     found: bool = False
     error: str = ""
     object_id: int | None = None
+    waypoint_pose: WaypointPose | None = None

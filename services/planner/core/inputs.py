@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surveilnav.geometry import Grid
-from surveilnav.messages import ObjectRecord, RobotStatus, Stair
+from surveilnav.messages import ObjectRecord, RobotStatus, Stair, WaypointStatus
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,7 +45,8 @@ class FloorMaps:
 class RobotView:
     """The robot at observation ``seq``: (x, y) [m, world], yaw and camera pitch (> 0 looks up) [rad].
 
-    ``stairs``: all stairs (or lifts) of the building that it can take, in both directions.
+    ``stairs``: all stairs (or lifts) of the building that it can take, in both directions. ``waypoint``: how far it has come with
+    the waypoint of its last ``drive_to``.
     """
 
     seq: int
@@ -58,6 +59,7 @@ class RobotView:
     last_action: str | None
     path_m: float
     stairs: tuple[Stair, ...] = ()
+    waypoint: WaypointStatus | None = None
 
     @classmethod
     def from_status(cls, status: RobotStatus, mission: str, stairs: tuple[Stair, ...]) -> RobotView:
@@ -75,4 +77,5 @@ class RobotView:
             last_action=status.last_action if same_mission else None,
             path_m=status.path_m if same_mission else 0.0,
             stairs=stairs,
+            waypoint=status.waypoint if same_mission else None,
         )

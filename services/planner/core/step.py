@@ -21,12 +21,13 @@ from surveilnav.services.planner.core.goals.unchosen_objects import unchosen_obj
 from surveilnav.services.planner.core.inputs import FloorMaps, RobotView
 from surveilnav.services.planner.core.memory.mission_state import MissionState
 from surveilnav.services.planner.core.motion.drive import FmmPlanner, LocalPlanner
+from surveilnav.services.planner.core.motion.waypoint_driving import WaypointPlanner, to_drive
 from surveilnav.services.planner.core.stages.initial_scan import initial_scan
 from surveilnav.services.planner.core.stages.last_resort import accept_when_steps_run_out
 from surveilnav.services.planner.core.stages.objects import leave_outdone_object
 from surveilnav.services.planner.core.stages.rounds import first_decision
 
-_FMM = FmmPlanner()
+_PLANNERS: Mapping[str, LocalPlanner] = {"actions": FmmPlanner(), "waypoints": WaypointPlanner()}
 _NO_SUMMARIES: Mapping[str, Mapping[str, float]] = {}
 
 
@@ -35,7 +36,7 @@ def step(
     maps: FloorMaps,
     robot: RobotView,
     config: PlannerConfig,
-    planner: LocalPlanner = _FMM,
+    planner: LocalPlanner | None = None,
     summaries: Mapping[str, Mapping[str, float]] = _NO_SUMMARIES,
     rule: FrontierRule = best_frontier,
 ) -> tuple[MissionState, Decision]:
@@ -48,7 +49,7 @@ def step(
         state: what the mission remembers; not changed.
         maps: the joint maps of the robot's floor, with the robot's observation ``robot.seq`` integrated.
         robot: the robot at that observation.
-        planner: drives to goal cells.
+        planner: drives to goal cells; None: the one that fits how the robot drives.
         summaries: by floor, label -> highest confidence that the cameras of that floor last reported.
         rule: chooses the frontier to explore.
 
@@ -58,8 +59,11 @@ def step(
     state = state.copy()
     state.record_robot(robot, config)
     state.record_removals(maps.removals)
+    planner = planner or _PLANNERS[config.drive]
     context = StepContext.from_inputs(state, maps, robot, config, planner, summaries, rule)
     decision = _fail_if_spent(context) or initial_scan(context) or _choose_waypoint_and_drive(context)
+    if config.drive == "waypoints":
+        decision = to_drive(decision, state, robot, config)
     state.record_decision(decision)
     candidates = decision.candidates + unchosen_objects(context, decision.candidates)
     return state, replace(decision, candidates=candidates)
@@ -96,6 +100,10 @@ def _nothing_left(context: StepContext) -> Decision:
     if failed_stairs and (elsewhere := floor_with_evidence(context)):
         return _failure("unreachable", f"{state.target!r} was seen on floor {elsewhere!r}, but {failed_stairs}")
     message = f"nothing is left to explore or to look at, and {state.target!r} was not found"
+    if state.failed_drives:
+        message += (
+            f"; the robot's own navigation gave up {state.failed_drives} ways, the last one: {state.failed_drive_why}"
+        )
     return _failure("not_found", f"{message}; {failed_stairs}" if failed_stairs else message)
 
 

@@ -54,7 +54,19 @@ from surveilnav.messages.recording import (
     ReplayStatus,
 )
 from surveilnav.messages.removal import MapRemoval, MapRemovals, RemoveFromMaps
-from surveilnav.messages.robot import ACTIONS, Command, CommandReply, Halt, HaltReply, Observation, RobotStatus, Stair
+from surveilnav.messages.robot import (
+    ACTIONS,
+    Command,
+    CommandReply,
+    Halt,
+    HaltReply,
+    Observation,
+    RobotDescription,
+    RobotStatus,
+    Stair,
+    WaypointPose,
+    WaypointStatus,
+)
 from surveilnav.messages.truth import Judged, Truth
 from surveilnav.messages.view import MEASURED, CaptureClock, DepthSource, DepthUncertainty, FrameHeader, PayloadPart
 from surveilnav.mission_states import FINISHED_STATES
@@ -120,6 +132,7 @@ __all__ = [
     "Revision",
     "Room",
     "RoomInView",
+    "RobotDescription",
     "RobotStatus",
     "ServiceList",
     "ServiceState",
@@ -133,4 +146,6 @@ __all__ = [
     "Truth",
     "ViewPicture",
     "WorkerLoad",
+    "WaypointPose",
+    "WaypointStatus",
 ]

@@ -129,7 +129,7 @@ def _extra_looks(context: StepContext, record: ObjectRecord) -> tuple[str, ...]:
     config, robot = context.config, context.robot
     distance_m = math.hypot(record.center_m[0] - robot.x_m, record.center_m[1] - robot.y_m)
     below_m = context.maps.floor_z_m + config.camera_height_m - record.center_m[2]
-    is_low = math.atan2(below_m, max(distance_m, 0.1)) > config.turn_rad / 2
+    is_low = math.atan2(below_m, max(distance_m, 0.1)) > config.turn_rad / 2 and config.max_pitch_rad >= config.turn_rad
     return ("look_down" if is_low else "turn_right", "turn_left", "turn_right", "turn_right")[: config.max_extra_looks]
 
 

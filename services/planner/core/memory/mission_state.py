@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import msgspec
 
-from surveilnav.messages import Candidate, ObjectRecord
+from surveilnav.messages import Candidate, ObjectRecord, WaypointPose
 from surveilnav.services.planner.core.config import PlannerConfig
 from surveilnav.services.planner.core.decision import Decision
 from surveilnav.services.planner.core.inputs import RobotView
@@ -37,6 +37,8 @@ class MissionState:
         changes: all stairs taken.
         unreachable_why: why a confirmed target couldn't be reached, for the final message; empty: none was missed.
         removals: what the maps said of removals (``FloorMaps.removals``) at the last step.
+        driving_to: where a robot that drives by itself was sent last, unless it was only to turn.
+        failed_drives: how often its own navigation gave up a waypoint; ``failed_drive_why``: the last reason.
     """
 
     target: str
@@ -55,6 +57,9 @@ class MissionState:
     unreachable_why: str = ""
     finished: bool = False
     removals: int = 0
+    driving_to: WaypointPose | None = None
+    failed_drives: int = 0
+    failed_drive_why: str = ""
 
     def __post_init__(self) -> None:
         self.floors.setdefault(self.floor, FloorMemory())
@@ -93,6 +98,7 @@ class MissionState:
         """Records the robot's floor and place, and what it bumped into."""
         self._update_floor(robot)
         self._update_place(robot, config)
+        self._update_drive(robot, config)
 
     def _update_floor(self, robot: RobotView) -> None:
         """On a new floor, forgets the waypoint on the old one and keeps the old floor's memory.
@@ -136,6 +142,19 @@ class MissionState:
         if self.last_moved is None or math.dist(place, self.last_moved[:2]) >= 0.8 * config.step_m:
             self.last_moved = (*place, self.step)
             self.recoveries = 0
+
+    def _update_drive(self, robot: RobotView, config: PlannerConfig) -> None:
+        """If the robot's own navigation gave up the place that it was sent to, leaves that place alone for a while."""
+        current, drive = self.driving_to, robot.waypoint
+        if current is None or drive is None or drive.id != current.id or drive.state != "failed":
+            return
+        self.driving_to = None
+        self.failed_drives += 1
+        self.failed_drive_why = drive.why
+        if self.waypoint is not None and self.waypoint.kind == "target":
+            place = f"({self.waypoint.x_m:.1f}, {self.waypoint.y_m:.1f})"
+            self.unreachable_why = f"{self.target!r} was seen at {place}, but the robot can't drive there: {drive.why}"
+        self.abandon_waypoint(config)
 
     # --- being stuck ----------------------------------------------------------------------------------------------
 
@@ -205,6 +224,10 @@ class MissionState:
             self.record_stairs_failure(current.x_m, current.y_m)
         else:
             self.blacklist_place(current.x_m, current.y_m, config)
+
+    def record_drive(self, pose: WaypointPose, *, is_turn: bool) -> None:
+        """Records where a robot that drives by itself is sent; a turn on the spot isn't a place that it may fail to reach."""
+        self.driving_to = None if is_turn else pose
 
     def record_oscillation(self) -> None:
         """Records that the object which the robot was heading for ceased to be promising; it stops heading there."""

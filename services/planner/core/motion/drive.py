@@ -49,7 +49,7 @@ class FmmPlanner:
         The field is computed a little beyond the robot, as far as it may have to step aside.
         """
         here = terrain.cell(robot.x_m, robot.y_m)
-        field = travel_time_m(steering_speed(terrain.speed), goals, terrain.grid.resolution_m, here, _BEYOND_ROBOT_M)
+        field = travel_time_m(steering_speed(terrain.speed), goals, terrain.grid.resolution_m, here, BEYOND_ROBOT_M)
         if not math.isfinite(field[here]):
             return None
         return Route(next_action(terrain, field, robot, config), descend(terrain, field, *here), float(field[here]))
@@ -68,7 +68,7 @@ def steering_speed(speed: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 #: The field is computed to this travel time [m] beyond the robot.
-_BEYOND_ROBOT_M = 2.0
+BEYOND_ROBOT_M = 2.0
 #: Length of the sequences of steps that are compared.
 _LOOKAHEAD_STEPS = 6
 #: At most so many ends of steps are expanded.

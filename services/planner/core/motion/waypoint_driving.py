@@ -1,0 +1,94 @@
+"""Planning for a robot that drives to waypoints by itself: where it is to drive, and when a new waypoint replaces the old one.
+
+The stages decide as they do for a robot of discrete actions. Here a route becomes the pose at its end, and a turn becomes a pose
+on the spot. The robot's own navigation (such as Nav2) finds the way, and is in charge of collisions.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from surveilnav.messages import WaypointPose
+from surveilnav.services.planner.core.config import PlannerConfig
+from surveilnav.services.planner.core.decision import Decision
+from surveilnav.services.planner.core.inputs import RobotView
+from surveilnav.services.planner.core.memory.mission_state import MissionState
+from surveilnav.services.planner.core.motion.drive import BEYOND_ROBOT_M, Route, descend
+from surveilnav.services.planner.core.motion.terrain import Terrain, travel_time_m
+
+_TURNS = {"turn_left": 1.0, "turn_right": -1.0}
+
+
+class WaypointPlanner:
+    """A ``LocalPlanner`` for robots that find their way themselves: it only tells where a way ends, and how long it takes."""
+
+    def route(
+        self, terrain: Terrain, goals: NDArray[np.bool_], robot: RobotView, config: PlannerConfig
+    ) -> Route | None:
+        """See ``LocalPlanner``. The way ends inside the goal region rather than at its rim, since robots stop short of a pose."""
+        inner = inner_cells(goals, config.waypoint_tolerance_m / terrain.grid.resolution_m)
+        here = terrain.cell(robot.x_m, robot.y_m)
+        for cells in (inner, goals):
+            field = travel_time_m(terrain.speed, cells, terrain.grid.resolution_m, here, BEYOND_ROBOT_M)
+            if math.isfinite(field[here]):
+                return Route("drive_to", descend(terrain, field, *here), float(field[here]))
+        return None
+
+
+def inner_cells(goals: NDArray[np.bool_], tolerance_cells: float) -> NDArray[np.bool_]:
+    """(rows, cols) the goal cells that are farther than a tolerance from the region's rim; of a narrow region, the innermost."""
+    depth = cv2.distanceTransform(np.pad(goals, 1).astype(np.uint8), cv2.DIST_L2, 5)[1:-1, 1:-1]
+    return np.asarray(goals & (depth >= min(tolerance_cells, float(depth.max()))))
+
+
+def to_drive(decision: Decision, state: MissionState, robot: RobotView, config: PlannerConfig) -> Decision:
+    """The decision as a waypoint that the robot drives to, if it is about moving; ``state`` remembers the waypoint.
+
+    While the robot drives, its waypoint stays unless the new one is clearly elsewhere: each replacement makes it slow down.
+    """
+    if decision.action in _TURNS:
+        yaw_rad = math.remainder(robot.yaw_rad + _TURNS[decision.action] * config.turn_rad, 2 * math.pi)
+        wanted = WaypointPose(id=_next_id(state), x_m=robot.x_m, y_m=robot.y_m, yaw_rad=yaw_rad)
+    elif decision.action == "drive_to":
+        wanted = _end_of(decision, state, robot)
+        current = state.driving_to
+        if current is not None and _is_driving(current, robot) and _is_near(current, wanted, config):
+            wanted = current
+    else:
+        return decision
+    state.record_drive(wanted, is_turn=decision.action in _TURNS)
+    return replace(decision, action="drive_to", waypoint_pose=wanted)
+
+
+def _end_of(decision: Decision, state: MissionState, robot: RobotView) -> WaypointPose:
+    """The end of the decision's path. The robot looks at what it drives to or, if it drives right onto that, straight on."""
+    end = decision.path[-1]
+    before = next((p for p in reversed(decision.path) if math.dist(p, end) > _STRAIGHT_M), (robot.x_m, robot.y_m))
+    target = decision.waypoint
+    if target is not None and math.dist((target.x_m, target.y_m), end) > _STRAIGHT_M:
+        before, ahead = end, (target.x_m, target.y_m)
+    else:
+        ahead = end
+    yaw_rad = math.atan2(ahead[1] - before[1], ahead[0] - before[0])
+    return WaypointPose(id=_next_id(state), x_m=end[0], y_m=end[1], yaw_rad=yaw_rad)
+
+
+#: Directions are measured between places that are at least so far apart.
+_STRAIGHT_M = 0.3
+
+
+def _is_driving(current: WaypointPose, robot: RobotView) -> bool:
+    return robot.waypoint is not None and robot.waypoint.id == current.id and robot.waypoint.state == "driving"
+
+
+def _is_near(current: WaypointPose, wanted: WaypointPose, config: PlannerConfig) -> bool:
+    return math.hypot(current.x_m - wanted.x_m, current.y_m - wanted.y_m) <= config.same_place_m
+
+
+def _next_id(state: MissionState) -> str:
+    return str(state.step)
