@@ -28,7 +28,7 @@ RANGE_M = (0.1, 10.0)
 SUMMARY_S = 5.0
 _PER_PROCESS = 50
 _HEIGHT_M = 2.4
-_PATIENCE_S = 240.0
+_PATIENCE_S = 600.0
 
 
 class StillSource:
@@ -90,7 +90,7 @@ def run_sessions(numbers: range, n_floors: int, step_s: float, bus: BusSettings,
     sessions, kept = [], []
     for number in numbers:
         ids = {"floor": str(number % n_floors), "camera": f"c{number}"}
-        session = zenoh.open(zenoh.Config.from_json5(bus.client_config()))
+        session = _open_patiently(bus)
         token = LIVELINESS.format(building=bus.building, kind="camera", id=ids["camera"])
         kept.append(session.liveliness().declare_token(token))
         publisher = session.declare_publisher(CAMERA_SUMMARY.key_for(building=bus.building, **ids))
@@ -105,6 +105,14 @@ def run_sessions(numbers: range, n_floors: int, step_s: float, bus: BusSettings,
             next_s[k] += SUMMARY_S
     for session, _, _ in sessions:
         session.close()
+
+
+def _open_patiently(bus: BusSettings) -> zenoh.Session:
+    """A session. While a thousand are opened on one machine, the router's answer to one may come after Zenoh's time limit."""
+    for _ in range(10):
+        with contextlib.suppress(zenoh.ZError):
+            return zenoh.open(zenoh.Config.from_json5(bus.client_config()))
+    return zenoh.open(zenoh.Config.from_json5(bus.client_config()))
 
 
 @contextlib.contextmanager

@@ -13,7 +13,7 @@ from surveilnav.services.planner.floor_maps import FloorMapsClient
 from surveilnav.services.planner.mission_bus import MissionBus, MissionCancelledError, MissionFailedError
 from surveilnav.services.planner.mission_report import MissionReport, plan_from_decision
 from surveilnav.services.planner.mission_start import MissionContext, as_asked, load_state
-from surveilnav.services.planner.pausing import Pause, PausedError
+from surveilnav.services.planner.pausing import Pause, PausedError, reason_to_pause
 from surveilnav.services.planner.store import PendingAction, SavedMission, StoreError
 from surveilnav.services.planner.waypoint_bus import WaypointBus
 
@@ -309,8 +309,8 @@ class MissionRunner:
         try:
             self._bus.move(action, pending.seq, self.id, pending.to_floor, pending.waypoint)
         except Refused as refused:
-            if refused.name == "halted":  # releasing the robot isn't enough: a person must resume the mission
-                self.pause(f"robot {self.robot} is halted: release it, then resume this mission")
+            if reason := reason_to_pause(self.robot, refused):
+                self.pause(reason)
                 raise PausedError from refused
             self._refusals += 1  # the core counts this against the stair and decides again
             if action != "take_stairs" or self._refusals > _MAX_REFUSALS:

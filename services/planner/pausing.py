@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import threading
 
+from surveilnav.bus import Refused
+
 
 class PausedError(Exception):
     """The mission is paused. What it decided last is carried out once it is resumed."""
@@ -36,3 +38,10 @@ class Pause:
     def wait(self, at_most_s: float) -> None:
         """Waits until the pause ends, for at most ``at_most_s``."""
         self._ended.wait(at_most_s)
+
+
+def reason_to_pause(robot: str, refused: Refused) -> str:
+    """Why a robot's refusal pauses the mission until a person resumes it; empty if it doesn't."""
+    if refused.name == "halted":  # releasing the robot isn't enough
+        return f"robot {robot} is halted: release it, then resume this mission"
+    return f"robot {robot} isn't ready: {refused}" if refused.name == "not_ready" else ""

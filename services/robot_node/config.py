@@ -9,11 +9,17 @@ from surveilnav.contract import ID_PATTERN
 
 
 class RobotSettings(BaseSettings):
-    """One simulated robot."""
+    """One robot: of a robot file or, without one, a simulated robot."""
 
     model_config = SettingsConfigDict(env_prefix="SURVEILNAV_ROBOT__", extra="ignore")
 
     id: str = Field("r1", pattern=ID_PATTERN, description="the robot's name on the bus")
+    file: str = Field(
+        "", description="the robot file of a real robot, such as robot.yaml; empty: a robot of the simulated building"
+    )
+    observation_hz: float = Field(
+        2.0, gt=0, le=10, description="how often a robot observes while it drives to a waypoint by itself"
+    )
     start: str = Field(
         "", description="where the robot starts: x,y,floor,yaw_deg in the world; empty: a place chosen by the seed"
     )

@@ -7,8 +7,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 from surveilnav.geometry import Pose
-from surveilnav.messages import RobotStatus, Stair
+from surveilnav.messages import RobotDescription, RobotStatus, Stair, WaypointStatus
 from surveilnav.robot_state import RobotState
+
+_HABITAT_ROBOT = RobotDescription()
 
 StateName = Literal["ready", "moving", "stopped", "halted", "error"]
 
@@ -50,6 +52,8 @@ def status_message(
     stairs: Sequence[Stair] = (),
     notes: Sequence[str] = (),
     stamp_ns: int = 0,
+    description: RobotDescription = _HABITAT_ROBOT,
+    waypoint: WaypointStatus | None = None,
 ) -> RobotStatus:
     """The status message of a robot in ``state``; the other arguments are fields of ``RobotStatus``."""
     return RobotStatus(
@@ -67,4 +71,6 @@ def status_message(
         collided=state.collided,
         last_action=state.last_action,  # type: ignore[arg-type]
         path_m=state.path_m,
+        description=description,
+        waypoint=waypoint,
     )

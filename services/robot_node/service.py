@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import threading
 import time
 
-from surveilnav.bus import Answer, Node, Refused, Request, bound_request_id, clock_ns, request_id
-from surveilnav.contract import ROBOT_COMMAND, ROBOT_HALT, ROBOT_STATUS
-from surveilnav.messages import CommandReply, HaltReply, RobotStatus
+from surveilnav.bus import Answer, Node, bound_request_id, clock_ns
+from surveilnav.contract import ROBOT_STATUS
+from surveilnav.messages import RobotStatus, WaypointStatus
 from surveilnav.services.robot_node import core
-from surveilnav.services.robot_node.bodies.body import Body
+from surveilnav.services.robot_node.bodies.body import Body, Observation
+from surveilnav.services.robot_node.commands import CommandHandler
 from surveilnav.services.robot_node.config import RobotSettings
 from surveilnav.services.robot_node.halt_switch import HaltSwitch
 from surveilnav.services.robot_node.observation import encode
@@ -17,103 +17,81 @@ from surveilnav.services.robot_node.publishing import ObservationPublisher
 from surveilnav.services.robot_node.verdicts import Judge, StopJudge
 
 _STATUS_PERIOD_S = 1.0
-_HALT_RETRY_S = 0.05
 
 
 class RobotService:
-    """Carries out one command at a time with its body, and publishes what the robot observes afterwards."""
+    """Has the body carry out commands, and publishes what the robot observes: after each action or, if the robot drives to
+    waypoints by itself, while it drives."""
 
     def __init__(self, node: Node, body: Body, settings: RobotSettings, judge: Judge | None = None) -> None:
         self._node, self._body, self._settings = node, body, settings
-        #: Held while a command is carried out.
-        self._acting = threading.Lock()
-        self._unpublished = True
-        self._status_s = 0.0
-        self._deadline_s: float | None = None
-        self._problem = self._request_id = ""  # of the last command
+        self._status_s = self._observed_s = 0.0
         self._halt_switch = HaltSwitch(settings.store)
-        self._stop_judge = StopJudge(node, settings.id, judge) if judge is not None else None
+        stop_judge = StopJudge(node, settings.id, judge) if judge is not None else None
         self._observations = ObservationPublisher(node, settings.id)
         self._statuses = node.publisher(ROBOT_STATUS, robot=settings.id)
-        node.serve(ROBOT_COMMAND, self._on_command, robot=settings.id)
-        node.serve(ROBOT_HALT, self._on_halt, robot=settings.id)
+        self._commands = CommandHandler(node, settings.id, body, self._halt_switch, stop_judge)
+        self._reported: tuple[str, WaypointStatus | None] = "", None
         node.serve(ROBOT_STATUS, lambda _: Answer(self._status()), robot=settings.id)
-
-    def _on_command(self, request: Request) -> Answer:
-        """Carries out a command, unless it was decided on another observation, the robot is halted, or can't do it."""
-        command, body = request.message, self._body
-        with self._acting:
-            seq = body.state.seq
-            if command.seq_expected != seq:
-                error = f"expected sequence number {seq}, got {command.seq_expected}"
-                return Answer(CommandReply(stamp_ns=clock_ns(), accepted=False, seq=seq, error=error))
-            if reason := self._halt_switch.state.refusal(command.action):
-                raise Refused("halted", reason)
-            if reason := body.refusal(command.action, command.to_floor):
-                raise Refused("bad_command", reason)
-            if command.mission != body.state.mission:
-                body.begin_mission(command.mission)
-                self._node.log.info("begins a mission", mission=command.mission)
-            body.act(command.action, command.to_floor)
-            self._unpublished, self._problem, self._request_id = True, "", request_id()
-            self._deadline_s = None if body.state.stopped else time.monotonic() + command.deadline_ms / 1000
-            self._node.wake.set()
-            if self._stop_judge is not None:
-                self._stop_judge.judge_stop(body.state)
-            return Answer(CommandReply(stamp_ns=clock_ns(), accepted=True, seq=body.state.seq))
-
-    def _on_halt(self, request: Request) -> Answer:
-        """Halts or releases the robot. When the answer to a halt goes out, the command in progress has ended."""
-        halt = request.message
-        self._halt_switch.set(halt.halted, halt.reason)
-        if halt.halted:
-            self._body.halt()
-            # A command that passed the check just before may begin to move the robot only now: halt it, too.
-            while not self._acting.acquire(timeout=_HALT_RETRY_S):
-                self._body.halt()
-            self._acting.release()
-        self._node.log.warning("halted" if halt.halted else "released", reason=halt.reason)
-        self._status_s = 0.0  # publish the status at once
-        self._node.wake.set()
-        return Answer(HaltReply(stamp_ns=clock_ns(), robot=self._settings.id, halted=halt.halted))
 
     def step(self) -> bool:
         """One turn of the loop: publishes what is due. True if a new observation was published."""
-        with bound_request_id(self._request_id):
+        with bound_request_id(self._commands.request_id):
             return self._publish_due(time.monotonic())
 
     def _publish_due(self, now_s: float) -> bool:
-        with self._acting:
-            is_new, self._unpublished = self._unpublished, False
-            self._check_deadline(now_s)
-        if is_new or now_s - self._status_s >= _STATUS_PERIOD_S:
-            self._status_s = now_s
-            self._halt_switch.retry_saving()
-            self._statuses.put(self._status())
-        if is_new:
-            observed, quality = self._body.observe(), self._settings.jpeg_quality
+        with self._commands.acting:
+            has_acted, self._commands.has_acted = self._commands.has_acted, False
+            self._commands.check_deadline(now_s)
+        observed = self._observe_if_due(now_s, has_acted=has_acted)
+        self._report_if_due(now_s, at_once=observed is not None)
+        if observed is not None:
+            quality = self._settings.jpeg_quality
             self._observations.publish(encode(observed, self._settings.id, quality, stamp_ns=clock_ns()), now_s)
             return True
         self._observations.repeat_if_due(now_s)
         return False
 
-    def _check_deadline(self, now_s: float) -> None:
-        """Reports the robot as stopped, at once, if the deadline for the next command has passed."""
-        if self._deadline_s is not None and now_s > self._deadline_s:
-            self._deadline_s, self._problem = None, "stopped: no command came before the deadline"
-            self._node.log.warning("no command before the deadline: holding still", seq=self._body.state.seq)
-            self._status_s = 0.0
+    def _observe_if_due(self, now_s: float, *, has_acted: bool) -> Observation | None:
+        """A new observation; None: none is due, or the body has seen nothing new."""
+        if self._body.description.drive == "waypoints":
+            if now_s - self._observed_s < 1.0 / self._settings.observation_hz:
+                return None
+            observed = self._body.observe()
+            self._observed_s = now_s if observed is not None else self._observed_s
+            return observed
+        return self._body.observe() if has_acted else None
+
+    def _report_if_due(self, now_s: float, *, at_once: bool) -> None:
+        """Publishes the status if it is time, or if something in it changed that others wait for."""
+        facts = self._body.problem, self._body.waypoint
+        changed = at_once or self._commands.must_report or _without_progress(facts) != _without_progress(self._reported)
+        if not changed and now_s - self._status_s < _STATUS_PERIOD_S:
+            return
+        self._status_s, self._reported, self._commands.must_report = now_s, facts, False
+        self._halt_switch.retry_saving()
+        self._statuses.put(self._status())
 
     def _status(self) -> RobotStatus:
         state = self._body.state  # read once: mission and path must belong together
-        halt = self._halt_switch.state
-        missed, awaiting = bool(self._problem), self._deadline_s is not None
+        halt, commands, problem = self._halt_switch.state, self._commands, self._body.problem
+        name = core.reported_state(
+            state, halt, deadline_missed=bool(commands.problem), awaiting_command=commands.awaits_command
+        )
         return core.status_message(
             state,
             robot=self._settings.id,
-            state_name=core.reported_state(state, halt, deadline_missed=missed, awaiting_command=awaiting),
-            message=halt.refusal("move") or self._problem,
+            state_name="error" if problem and not halt.halted else name,
+            message=halt.refusal("move") or problem or commands.problem,
             stairs=self._body.stairs,
             notes=[*self._body.notes, *self._halt_switch.notes],
             stamp_ns=clock_ns(),
+            description=self._body.description,
+            waypoint=self._body.waypoint,
         )
+
+
+def _without_progress(facts: tuple[str, WaypointStatus | None]) -> tuple[str, str, str]:
+    """What others wait for of a problem and a waypoint: not how much of the way is left."""
+    problem, waypoint = facts
+    return problem, waypoint.id if waypoint else "", waypoint.state if waypoint else ""

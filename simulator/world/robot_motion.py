@@ -40,6 +40,8 @@ def refusal(state: RobotState, action: str, navigation: NavigationMap, to_floor:
     """Why the robot can't carry out an action at all, as a sentence for people; empty if it can."""
     if action not in ACTIONS:
         return f"unknown action {action!r}; there are {', '.join(ACTIONS)}"
+    if action == "drive_to":
+        return "this robot moves by discrete actions, so it can't drive to a waypoint by itself"
     if action != "take_stairs" or _transit_to(state, navigation, to_floor) is not None:
         return ""
     reachable = sorted({t.other_floor(state.floor) for t in navigation.transits if state.floor in _floors_of(t)})

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surveilnav.geometry import Matrix4, Pinhole
-from surveilnav.messages import Stair
+from surveilnav.messages import RobotDescription, Stair, WaypointPose, WaypointStatus
 from surveilnav.robot_state import RobotState
 from surveilnav.sensing.views import TrueInstances
 
@@ -44,11 +44,23 @@ class Body(Protocol):
     """One robot. ``act`` and ``observe`` are called from two threads, ``halt`` from a third; two actions never overlap.
 
     Attributes:
+        description: what it is like, and whether it moves by actions or drives to waypoints.
         stairs: the stairs or lifts that it can take, once for each direction.
         notes: sentences for people about where it can't go, and about what is wrong with it.
     """
 
+    description: RobotDescription
     stairs: Sequence[Stair]
+
+    @property
+    def problem(self) -> str:
+        """Why it can't be used now, for people, such as a localisation that is lost; empty if it can."""
+        ...
+
+    @property
+    def waypoint(self) -> WaypointStatus | None:
+        """How far it has come with its newest waypoint; None: it has none in this mission."""
+        ...
 
     @property
     def notes(self) -> Sequence[str]: ...
@@ -70,10 +82,25 @@ class Body(Protocol):
         """Carries out one action and returns when it has ended. Only called with actions that ``refusal`` allows."""
         ...
 
+    def drive_to(self, waypoint: WaypointPose | None) -> None:
+        """Begins to drive to a waypoint, and returns at once; the same waypoint again changes nothing. None: ends the drive."""
+        ...
+
     def halt(self) -> None:
         """Stops the robot at once. An action in progress ends where the robot stands, and its ``act`` returns."""
         ...
 
-    def observe(self) -> Observation:
-        """Takes pictures in the present state."""
+    def observe(self) -> Observation | None:
+        """Takes pictures in the present state. None: there are no new ones, or it isn't known where they were taken."""
         ...
+
+
+class ActionBody:
+    """What all bodies have in common that move by discrete actions, and are always ready."""
+
+    description = RobotDescription()
+    problem = ""
+    waypoint: WaypointStatus | None = None
+
+    def drive_to(self, waypoint: WaypointPose | None) -> None:
+        """Nothing: it stands still between two actions."""

@@ -13,7 +13,7 @@ from surveilnav.messages import Stair
 from surveilnav.robot_body import CAMERA, CAMERA_HEIGHT_M, DEPTH_RANGE_M
 from surveilnav.robot_state import RobotState
 from surveilnav.sensing.views import TrueInstances
-from surveilnav.services.robot_node.bodies.body import Observation
+from surveilnav.services.robot_node.bodies.body import ActionBody, Observation
 from surveilnav.services.robot_node.bodies.state_file import StateFile
 from surveilnav.services.robot_node.config import RobotSettings
 from surveilnav.simulator.simulation import SimulatedBuilding
@@ -24,7 +24,7 @@ from surveilnav.simulator.world.goals import find_goals, judge, sample_start
 _MAX_NOTES = 8
 
 
-class SimulatedBody:
+class SimulatedBody(ActionBody):
     """A ``Body`` that starts in ``state``. Each new state is written to ``state_file``, if there is one, before it is shown."""
 
     def __init__(self, building: SimulatedBuilding, state: RobotState, state_file: StateFile | None = None) -> None:

@@ -26,7 +26,7 @@ from surveilnav.robot_state import RobotState
 from surveilnav.sensing.packing import decode_frame
 from surveilnav.sensing.truth import truth_from_wire
 from surveilnav.sensing.views import TrueInstances
-from surveilnav.services.robot_node.bodies.body import Observation
+from surveilnav.services.robot_node.bodies.body import ActionBody, Observation
 from surveilnav.services.robot_node.config import RobotSettings
 from surveilnav.services.robot_node.core import HaltState
 from surveilnav.services.robot_node.halt_switch import HaltSwitch
@@ -36,7 +36,7 @@ from tests.waiting import patient, until, until_heard
 STAIR = Stair(floor="0", to_floor="1", at_m=(0.0, 0.0, 0.0), to_m=(1.0, 1.0, 2.7), length_m=3.0)
 
 
-class Body:
+class Body(ActionBody):
     """A robot that walks along x, stops at a wall at x = 0.4 m, and can't fly."""
 
     stairs = (STAIR,)
