@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -47,7 +47,7 @@ class Nav2Map:
 
     cells: NDArray[np.uint8]
     resolution_m: float
-    T_map_cells: PlanarTransform = PlanarTransform()
+    T_map_cells: PlanarTransform = field(default_factory=PlanarTransform)
 
     def places(self, kind: int) -> NDArray[np.float64]:
         """(n, 2) centres of the cells of a kind, in the robot's map [m]."""

@@ -66,7 +66,7 @@ def _checked(p_building: ArrayLike, p_map: ArrayLike) -> tuple[_Array, _Array]:
         if spread_m < _MIN_SPREAD_M:
             raise FrameError(
                 "undetermined",
-                f"all places lie within {spread_m:.2f} m in the {where}, so the map could be turned in any way: add a pair that is "
+                f"all places lie within {spread_m:.2f} m in the {where}, so the map could be turned in any way: add a pair "
                 "several metres away",
             )
     return b, m
@@ -128,7 +128,7 @@ def _contradiction(b: _Array, m: _Array, residual_m: float) -> FrameError:
     if _fit(b, m, mirrored=True)[1] < residual_m / _TIMES_OTHERS:
         return FrameError(
             "mirrored",
-            "the pairs would fit if one frame were seen in a mirror: x and y are exchanged, or the rows of a picture were counted "
+            "the pairs would fit if one frame were seen in a mirror: x and y are exchanged, or a picture's rows were counted "
             "from the top. In both frames, y points to the left of x",
         )
     off_m = _off_m(b, m)
@@ -159,8 +159,8 @@ def _sentence(T: PlanarTransform, residual_m: float, b: _Array, left_out: tuple[
     turn_deg = math.degrees(math.atan2(max(residual_m, _CLICK_M), spread_m))
     if turn_deg > 1.0:
         text += (
-            f". They lie only {spread_m:.1f} m apart, so the turn is uncertain by about {turn_deg:.1f} degrees: add a pair farther "
-            "away"
+            f". They lie only {spread_m:.1f} m apart, so the turn is uncertain by about {turn_deg:.1f} degrees: add a pair "
+            "farther away"
         )
     if left_out:
         text += f". Pair {listed(left_out)} contradicts the others and wasn't used"
