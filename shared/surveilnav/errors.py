@@ -6,6 +6,7 @@
     ├── TargetError                 a target that can't be searched for
     ├── ConfigError                 a setting is wrong or missing
     ├── PoseError                   a camera's pose can't be found from the given points
+    ├── FrameError                  where a robot's map lies in the building can't be found; has a name
     ├── MissingExtraError           a command needs packages that this installation lacks
     ├── PerceptionError             a perception backend can't run or answer
     ├── WireError                   received data that is no message of the contract
@@ -55,6 +56,27 @@ class PoseError(SurveilNavError):
     def __init__(self, message: str, points: Sequence[int] = ()) -> None:
         super().__init__(message)
         self.points = tuple(points)
+
+
+class FrameError(SurveilNavError):
+    """Where a robot's map lies in the building can't be found. The text says what to add or to correct.
+
+    Names:
+        undetermined: what is given fits at many places.
+        contradictory: what is given contradicts itself.
+        mirrored: the pairs would fit if one of the frames were seen in a mirror.
+        ambiguous: the map fits at two places about equally well.
+        too_little_overlap: both maps show too little of the same part of the building.
+        no_match: the map fits nowhere.
+
+    Attributes:
+        name: one of these.
+        pairs: the numbers, from 1, of the pairs or stops that the text says are wrong.
+    """
+
+    def __init__(self, name: str, message: str, pairs: Sequence[int] = ()) -> None:
+        super().__init__(message)
+        self.name, self.pairs = name, tuple(pairs)
 
 
 class MissingExtraError(SurveilNavError):

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, TypeVar
 
 import cv2
 import numpy as np
@@ -65,8 +65,8 @@ class FloorPlan:
         return np.stack([column, row], axis=-1)
 
 
-class _PlanFile(BaseModel):
-    """Entries that are used; a map.yaml has others besides."""
+class PlanFile(BaseModel):
+    """Entries of a map.yaml that a plan needs; it has others besides."""
 
     model_config = ConfigDict(extra="ignore", frozen=True)
 
@@ -84,21 +84,9 @@ def load_floor_plan(path: Path) -> FloorPlan:
     Raises:
         ConfigError: the file or its picture can't be read, or the scale is missing or wrong.
     """
-    root = compose(path, "file of a floor plan")
-    if not isinstance(root, yaml.MappingNode):
-        raise ConfigError(f"{path}: expected a table with image, resolution and origin (Nav2's map.yaml)")
-    try:
-        entry = _PlanFile.model_validate(plain(root))
-    except ValidationError as error:
-        raise ConfigError(f"{path}, line {_line(root, error)}: {_sentence(error)}") from None
-    except ValueError as error:
-        raise ConfigError(f"{path}: {error}") from None
-    line = line_of(root, ("image",))
-    try:
-        picture = path.parent / Path(entry.image).expanduser()
-        grey = _picture(path, picture, line)
-    except (OSError, ValueError, RuntimeError) as error:  # no name of a file, or of a user's folder
-        raise ConfigError(f"{path}, line {line}: image: {error}") from None
+    entry, line = read_plan_file(path, "file of a floor plan", PlanFile)
+    picture, pixels = read_plan_picture(path, entry.image, line)
+    grey = _grey(pixels)
     darkness = grey / 255.0 if entry.negate else 1.0 - grey / 255.0
     yaw_rad = entry.origin[2] if len(entry.origin) == 3 else 0.0
     return FloorPlan(
@@ -113,13 +101,37 @@ def load_floor_plan(path: Path) -> FloorPlan:
     )
 
 
+_File = TypeVar("_File", bound=PlanFile)
+
+
+def read_plan_file(path: Path, what: str, model: type[_File]) -> tuple[_File, int]:
+    """The entries of a map.yaml, and the line of its ``image``.
+
+    Args:
+        what: what the file is, for messages.
+
+    Raises:
+        ConfigError: it can't be read, or has mistakes; the first is named at its line.
+    """
+    root = compose(path, what)
+    if not isinstance(root, yaml.MappingNode):
+        raise ConfigError(f"{path}: expected a table with image, resolution and origin (Nav2's map.yaml)")
+    try:
+        entry = model.model_validate(plain(root))
+    except ValidationError as error:
+        raise ConfigError(f"{path}, line {_line(root, error)}: {_sentence(error)}") from None
+    except ValueError as error:
+        raise ConfigError(f"{path}: {error}") from None
+    return entry, line_of(root, ("image",))
+
+
 def _line(root: yaml.Node, error: ValidationError) -> int:
     return line_of(root, error.errors()[0]["loc"])
 
 
 def _sentence(error: ValidationError) -> str:
     first = error.errors()[0]
-    where = str(first["loc"][0])
+    where = str(first["loc"][0]) if first["loc"] else "the file"
     expected = {
         "image": "the plan's picture, such as `image: ground.png`",
         "resolution": "the plan's scale: how many metres a pixel is wide, such as `resolution: 0.05`. To find it, divide the "
@@ -131,8 +143,24 @@ def _sentence(error: ValidationError) -> str:
     return f"{where} {arrived}: expected {expected.get(where, first['msg'])}"
 
 
-def _picture(plan: Path, path: Path, line: int) -> NDArray[np.uint8]:
-    """The plan's picture (height, width) in grey; what is transparent is white."""
+def read_plan_picture(plan: Path, image: str, line: int) -> tuple[Path, NDArray[np.uint8]]:
+    """The picture that a plan's file names: its path, and its pixels (height, width[, channels]) as OpenCV reads them.
+
+    Args:
+        image: its path as the file has it, relative to the file.
+        line: where that stands in the file.
+
+    Raises:
+        ConfigError: it can't be read, or is too large.
+    """
+    try:
+        path = plan.parent / Path(image).expanduser()
+        return path, _pixels(plan, path, line)
+    except (OSError, ValueError, RuntimeError) as error:  # no name of a file, or of a user's folder
+        raise ConfigError(f"{plan}, line {line}: image: {error}") from None
+
+
+def _pixels(plan: Path, path: Path, line: int) -> NDArray[np.uint8]:
     if not path.is_file():
         raise ConfigError(f"{plan}, line {line}: image: there is no file {path}; its path is relative to {plan.name}")
     if path.stat().st_size > _MAX_BYTES:
@@ -147,7 +175,12 @@ def _picture(plan: Path, path: Path, line: int) -> NDArray[np.uint8]:
         )
     if picture.dtype == np.uint16:
         picture = (picture >> 8).astype(np.uint8)
+    return np.asarray(picture)
+
+
+def _grey(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """(height, width); what is transparent is white."""
     if picture.ndim == 2:
-        return np.asarray(picture)
+        return picture
     grey = cv2.cvtColor(picture[..., :3], cv2.COLOR_BGR2GRAY)
     return np.asarray(np.where(picture[..., 3] < 128, 255, grey).astype(np.uint8) if picture.shape[2] == 4 else grey)
