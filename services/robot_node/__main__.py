@@ -1,25 +1,24 @@
-"""``python -m surveilnav.services.robot_node``: one simulated robot."""
+"""``python -m surveilnav.services.robot_node``: one robot, of a robot file or of a simulated building."""
 
 from __future__ import annotations
 
 import sys
 
-from surveilnav.bus import Node
 from surveilnav.bus.main import run_service
-from surveilnav.services.robot_node.bodies.simulated import SimulatedJudge, open_simulated_body
 from surveilnav.services.robot_node.config import RobotSettings
-from surveilnav.services.robot_node.service import RobotService
-from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings
 
 
 def main() -> None:
-    """Runs one simulated robot until SIGTERM."""
+    """Runs one robot until SIGTERM."""
     settings = RobotSettings()
-    building = SimulatedBuilding(SimulationSettings())
-    body = open_simulated_body(building, settings)
-    _ = building.renderer  # loads it now: the first observation then doesn't wait for it
-    with Node("robot", settings.id) as node:
-        node.run(RobotService(node, body, settings, SimulatedJudge(building)).step)
+    if settings.file:
+        from surveilnav.services.robot_node.real import run_real_robot
+
+        run_real_robot(settings)
+    else:  # a real robot needs none of the simulator's packages
+        from surveilnav.services.robot_node.simulated import run_simulated_robot
+
+        run_simulated_robot(settings)
 
 
 if __name__ == "__main__":

@@ -44,13 +44,16 @@ class Body(Protocol):
     """One robot. ``act`` and ``observe`` are called from two threads, ``halt`` from a third; two actions never overlap.
 
     Attributes:
-        description: what it is like, and whether it moves by actions or drives to waypoints.
         stairs: the stairs or lifts that it can take, once for each direction.
         notes: sentences for people about where it can't go, and about what is wrong with it.
     """
 
-    description: RobotDescription
     stairs: Sequence[Stair]
+
+    @property
+    def description(self) -> RobotDescription:
+        """What it is like, and whether it moves by actions or drives to waypoints."""
+        ...
 
     @property
     def problem(self) -> str:

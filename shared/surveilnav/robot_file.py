@@ -1,0 +1,135 @@
+"""``robot.yaml``: a real robot on the other end of ROS 2. What it may say, and how it is read."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Annotated, Literal
+
+import yaml
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+
+from surveilnav import robot_body
+from surveilnav.contract import ID_PATTERN
+from surveilnav.errors import ConfigError
+from surveilnav.robot_frame import PlanarTransform
+from surveilnav.yaml_file import compose, line_of, plain
+
+
+def _finite(value: float) -> float:
+    if not math.isfinite(value):
+        raise ValueError("expected a finite number")
+    return value
+
+
+Finite = Annotated[float, AfterValidator(_finite)]
+_Name = Annotated[str, Field(max_length=200, pattern=r"^[A-Za-z0-9_~/{}.-]*$")]
+
+
+class _Entry(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class FrameEntry(_Entry):
+    """Where the robot's map lies in the building."""
+
+    x_m: Finite = Field(description="the origin of the robot's map in the building's frame")
+    y_m: Finite = Field(description="... and its y")
+    yaw_deg: Finite = Field(description="direction of the map's x axis in the building's frame, anticlockwise")
+
+    def transform(self) -> PlanarTransform:
+        return PlanarTransform(self.x_m, self.y_m, math.radians(self.yaw_deg))
+
+
+class FramesEntry(_Entry):
+    """The frames of the robot's transform tree."""
+
+    map: _Name = Field("map", description="the frame that its localisation keeps fixed; `odom` for a robot without one")
+    odom: _Name = Field("odom", description="the frame in which its odometry counts")
+    base: _Name = Field("base_link", description="its base on the floor, x forward")
+
+
+class TopicsEntry(_Entry):
+    """Topics and actions; a name without a leading slash lies in the robot's namespace. Empty: the robot doesn't have it."""
+
+    odometry: _Name = Field("odom", description="nav_msgs/Odometry")
+    image: _Name = Field(
+        "camera/color/image_raw",
+        description="colour, sensor_msgs/Image, or CompressedImage if the name ends in /compressed",
+    )
+    depth: _Name = Field(
+        "camera/depth/image_raw",
+        description="depth registered to the colour picture, sensor_msgs/Image (16UC1 in mm, 32FC1 in m), or CompressedImage if "
+        "the name ends in /compressedDepth",
+    )
+    camera_info: _Name = Field("camera/color/camera_info", description="sensor_msgs/CameraInfo of the colour picture")
+    scan: _Name = Field("", description="sensor_msgs/LaserScan")
+    battery: _Name = Field("", description="sensor_msgs/BatteryState")
+    localisation: _Name = Field(
+        "",
+        description="geometry_msgs/PoseWithCovarianceStamped, such as amcl_pose: says how sure the robot is of its place",
+    )
+    navigate_to_pose: _Name = Field("navigate_to_pose", description="Nav2's action, with `drive: waypoints`")
+    velocity: _Name = Field(
+        "cmd_vel", description="geometry_msgs/Twist, with `drive: actions`, and for the emergency stop"
+    )
+    velocity_stamped: bool = Field(False, description="the velocity is a TwistStamped")
+
+
+class BodyEntry(_Entry):
+    """Its size."""
+
+    radius_m: Annotated[Finite, Field(gt=0, le=2)] = Field(
+        robot_body.RADIUS_M, description="radius of a disc around its base that holds it"
+    )
+    height_m: Annotated[Finite, Field(gt=0, le=4)] = Field(
+        robot_body.HEIGHT_M, description="the room that it needs above the floor"
+    )
+
+
+class RobotFile(_Entry):
+    """One robot."""
+
+    router: str = Field(
+        min_length=1,
+        max_length=300,
+        description="the Zenoh router of its ROS 2 nodes (rmw_zenohd), such as tcp/10.0.0.7:7447",
+    )
+    domain: int = Field(0, ge=0, le=232, description="ROS_DOMAIN_ID")
+    namespace: _Name = Field("", description="the namespace of its nodes, such as /robot1")
+    drive: Literal["waypoints", "actions"] = Field(
+        "waypoints", description="waypoints: it drives by Nav2; actions: it is driven by velocities, step by step"
+    )
+    floor: str = Field(pattern=ID_PATTERN, description="the floor that it is on")
+    floor_z_m: Finite = Field(0.0, description="altitude of that floor in the building's frame")
+    T_building_map: FrameEntry | None = Field(
+        None, description="where its map lies in the building; without it nothing that it sees is used"
+    )
+    frames: FramesEntry = FramesEntry()
+    topics: TopicsEntry = TopicsEntry()
+    body: BodyEntry = BodyEntry()
+    depth_range_m: tuple[Annotated[Finite, Field(gt=0)], Annotated[Finite, Field(gt=0, le=100)]] = Field(
+        (0.3, 5.0), description="nearest and farthest depth that its camera measures"
+    )
+
+
+def load_robot(path: Path, text: str | None = None) -> RobotFile:
+    """Reads a robot file.
+
+    Args:
+        text: what the file is going to hold; None: what it holds now.
+
+    Raises:
+        ConfigError: it can't be read or used; the message names the line.
+    """
+    root = compose(path, "robot file", text)
+    if not isinstance(root, yaml.MappingNode):
+        raise ConfigError(f"{path}: expected a table that begins with `router:`; the file is empty or something else")
+    try:
+        return RobotFile.model_validate(plain(root))
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"])
+        raise ConfigError(f"{path}, line {line_of(root, first['loc'])}: {where}: {first['msg']}") from None
+    except ValueError as error:
+        raise ConfigError(f"{path}: {error}") from None
