@@ -46,6 +46,12 @@ def run(
             help="How the robot drives: fmm by the map known so far, sp by the simulator's true navigation mesh."
         ),
     ] = "fmm",
+    drive: Annotated[
+        str,
+        typer.Option(
+            help="How the robot moves: actions, one discrete action at a time, or waypoints, driving to poses by itself."
+        ),
+    ] = "actions",
     surveillance: Annotated[str, typer.Option(help="on or off: whether cameras take part.")] = "on",
     perception: Annotated[
         str, typer.Option(help="Perception backend: simulated, oracle, compact or onnx-coco.")
@@ -73,6 +79,7 @@ def run(
         split=split,
         policy=policy,
         planner=planner,  # type: ignore[arg-type]
+        drive=drive,  # type: ignore[arg-type]
         surveillance=_on(surveillance),
         perception=perception,  # type: ignore[arg-type]
         density_m2=density,

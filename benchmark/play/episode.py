@@ -11,6 +11,7 @@ from itertools import groupby
 import numpy as np
 
 from surveilnav.benchmark.play.cameras import Cameras, InvokedCameras
+from surveilnav.benchmark.play.motion import Drive, LocalisationError, motion_of
 from surveilnav.benchmark.play.sight import ROBOT, SeenView, Sight, text_as_sent
 from surveilnav.benchmark.policies.policy import Searcher
 from surveilnav.perception.prompts import value_prompt
@@ -25,6 +26,7 @@ from surveilnav.simulator.world import robot_motion
 from surveilnav.simulator.world.goals import Goals, Start, Verdict, judge
 
 _MISSION = "episode"
+KNOWS_ITS_PLACE = LocalisationError()
 #: ``on_step(step, view, joint, maps, decision)``.
 OnStep = Callable[[int, PosedView, JointMap, FloorMaps, Decision], None]
 _NO_SUMMARIES: Mapping[str, Mapping[str, float]] = {}
@@ -94,6 +96,8 @@ class Episode:
         seed: int = 0,
         cameras: Cameras | None = None,
         on_step: OnStep | None = None,
+        drive: Drive = "actions",
+        localisation: LocalisationError = KNOWS_ITS_PLACE,
     ) -> None:
         """An episode that can be run once.
 
@@ -104,6 +108,7 @@ class Episode:
             views_per_step: so many cameras' views are looked at from one action to the next; 0: all of them at once.
             seed: the luck of this episode's perception.
             cameras: which of their views come when; None: by ``delay_steps`` and ``views_per_step``.
+            drive: how the robot moves; ``localisation``: how wrong it then is about where it is.
             on_step: ``on_step(step, view, joint, maps, decision)`` may look on.
         """
         self._began_s = time.perf_counter()
@@ -112,7 +117,8 @@ class Episode:
         self._surveillance, self._all_at_once = surveillance, views_per_step == 0 and cameras is None
         self._cameras = cameras or InvokedCameras(sight, fusion or FusionConfig(), delay_steps, views_per_step)
         self._navigation = sight.building.navigation
-        self._state = RobotState(*start.p_m, start.floor, start.yaw_rad, mission=_MISSION)
+        begins = RobotState(*start.p_m, start.floor, start.yaw_rad, mission=_MISSION)
+        self._motion = motion_of(drive, self._navigation, begins, localisation, seed)
         self._stairs = tuple(robot_motion.stairs_in(self._navigation))
         self._reports = surveillance and summaries and len(self._navigation.floors) > 1
         self._reported = sight.by_floor() if self._reports else _NO_SUMMARIES
@@ -132,14 +138,14 @@ class Episode:
             joint, maps = self.fuse(seen, arrived)
             decision = self.decide(maps)
             if self._on_step is not None:
-                self._on_step(self._state.seq, seen.view, joint, maps, decision)
+                self._on_step(self._motion.state.seq, seen.view, joint, maps, decision)
             self.act(decision)
             if decision.finished or decision.action is None:
                 return self._result(joint, decision)
 
     def sense(self) -> tuple[SeenView, tuple[str, ...]]:
         """What the robot sees, and the cameras whose views arrive now: those of its floor are invoked (eq. 1)."""
-        seen = self._sight.robot(self._state, self._seed)
+        seen = self._sight.robot(self._motion.state, self._seed, self._motion.believed)
         self._robot_bytes += seen.offered_bytes
         if not self._surveillance:
             return seen, ()
@@ -165,7 +171,8 @@ class Episode:
 
     def decide(self, maps: FloorMaps) -> Decision:
         """The searcher's waypoint and action."""
-        status = status_message(self._state, robot=ROBOT, stairs=self._stairs)
+        motion = self._motion
+        status = status_message(motion.believed, robot=ROBOT, stairs=self._stairs, waypoint=motion.waypoint)
         view = RobotView.from_status(status, _MISSION, self._stairs)
         if self._refused:
             view = replace(view, last_action=None, collided=False)
@@ -173,18 +180,18 @@ class Episode:
 
     def act(self, decision: Decision) -> None:
         """Carries it out. A refused stair leaves the robot where it is: the mission sees that at its next step."""
-        action, to_floor = decision.action, decision.to_floor
-        self._refused = bool(action and robot_motion.refusal(self._state, action, self._navigation, to_floor))
-        if action and not self._refused:
-            self._state = robot_motion.act(self._state, action, self._navigation, to_floor)
+        done = self._motion.act(decision)
+        self._refused = decision.action is not None and not done
+        if done:
             self._record_place()
 
     def _record_place(self) -> None:
-        self._trajectory.append((self._state.x_m, self._state.y_m, self._state.yaw_rad))
-        self._floors.append(self._state.floor)
+        state = self._motion.state
+        self._trajectory.append((state.x_m, state.y_m, state.yaw_rad))
+        self._floors.append(state.floor)
 
     def _result(self, joint: JointMap, decision: Decision) -> EpisodeResult:
-        verdict = judge(self._goals, self._state, shortest_path_m=self._start.shortest_path_m)
+        verdict = judge(self._goals, self._motion.state, shortest_path_m=self._start.shortest_path_m)
         seen = _was_seen(joint, self._goals)
         cameras = [info.camera for info in self._sight.infos] if self._reports else []
         return EpisodeResult(

@@ -199,9 +199,13 @@ class Sight:
         self.camera = lru_cache(maxsize=None)(self._camera)
         self.summary = lru_cache(maxsize=None)(self._summary)
 
-    def robot(self, state: RobotState, seed: int = 0) -> SeenView:
-        """What the robot sees at ``state``; ``seed`` sets the luck of its perception apart from other episodes'."""
+    def robot(self, state: RobotState, seed: int = 0, believed: RobotState | None = None) -> SeenView:
+        """What the robot sees at ``state``; ``seed`` sets the luck of its perception apart from other episodes'.
+
+        ``believed``: where the robot believes to be, if that isn't where it is.
+        """
         T_world_camera = state.camera_pose()
+        T_believed = T_world_camera if believed is None else believed.camera_pose()
         key = (seed, f"robot/{ROBOT}", 0, state.seq) if seed else (f"robot/{ROBOT}", 0, state.seq)
         if self.way == "depth":
             rendered = self._depth(T_world_camera, CAMERA, DEPTH_RANGE_M, DepthNoise.robot(), "robot", state.seq)
@@ -211,7 +215,7 @@ class Sight:
                 state.seq,
                 state.seq,
                 state.floor,
-                T_world_camera,
+                T_believed,
                 self._lens(CAMERA),
                 CAMERA_HEIGHT_M,
                 rendered.rgb,
@@ -221,7 +225,7 @@ class Sight:
             return SeenView(view, self._perceive(view, rendered, key), 0)
         rendered = self.building.robot_view(T_world_camera, CAMERA, DEPTH_RANGE_M, state.seq)
         observed = Observation(
-            state, T_world_camera, CAMERA, CAMERA_HEIGHT_M, DEPTH_RANGE_M, rendered.rgb, rendered.depth_m
+            believed or state, T_believed, CAMERA, CAMERA_HEIGHT_M, DEPTH_RANGE_M, rendered.rgb, rendered.depth_m
         )
         sent = encode_observation(observed, ROBOT, _ROBOT_JPEG_QUALITY, stamp_ns=state.seq)
         address = ROBOT_OBSERVATION.key_for(building=_BUILDING, robot=ROBOT)

@@ -12,9 +12,11 @@ from surveilnav.benchmark.policies import Task, Truth, policy_of
 from surveilnav.benchmark.runner.settings import RunSettings
 from surveilnav.camera_plan import CameraPlan
 from surveilnav.perception.backend import Backend
-from surveilnav.services.planner.core.motion.drive import FmmPlanner
+from surveilnav.services.planner.core.motion.drive import FmmPlanner, LocalPlanner
+from surveilnav.services.planner.core.motion.waypoint_driving import WaypointPlanner
 from surveilnav.simulator.simulation import SimulatedBuilding
 from surveilnav.simulator.world.goals import Goals, Start
+from surveilnav.simulator.world.navigation import NavigationMap
 
 
 def sight_of(
@@ -64,10 +66,10 @@ def search(
         goals.label,
         seed,
         settings.max_steps,
-        ShortestPathPlanner(navigation) if settings.planner == "sp" else FmmPlanner(),
+        _driver(settings, navigation),
         Truth(goals, navigation) if policy.needs_truth else None,
         goal_on_floor=goal_on_floor,
-        planning=settings.planning,
+        planning={"drive": settings.drive, **settings.planning},
     )
     return Episode(
         sight,
@@ -82,4 +84,12 @@ def search(
         seed=seed,
         cameras=cameras,
         on_step=on_step,
+        drive=settings.drive,
+        localisation=settings.localisation_error(),
     ).run()
+
+
+def _driver(settings: RunSettings, navigation: NavigationMap) -> LocalPlanner:
+    if settings.drive == "waypoints":
+        return WaypointPlanner()
+    return ShortestPathPlanner(navigation) if settings.planner == "sp" else FmmPlanner()

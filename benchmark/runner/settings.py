@@ -9,6 +9,7 @@ from typing import Any, Literal, get_args
 import msgspec
 from pydantic import ValidationError
 
+from surveilnav.benchmark.play.motion import Drive, LocalisationError
 from surveilnav.benchmark.play.sight import CameraDepth, Views
 from surveilnav.benchmark.policies import policy_of
 from surveilnav.errors import ConfigError
@@ -26,6 +27,8 @@ class RunSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     Attributes:
         density_m2: square metres of floor for a camera; one of the dataset's.
         views: ``panoramic`` or ``half``, the six neighbouring azimuths that see most.
+        drive: ``actions``: Habitat's robot; ``waypoints``: one that drives to poses by itself, as with Nav2.
+        localisation: of ``waypoints``: how wrong the robot is about where it is, see ``play.motion.LocalisationError``.
         seed: sets the luck of perception and policies.
         resolution_divisor: of depth, where perception looks at no pixel.
         harder: of ``simulated``: a worse detector than the measured one, in standard deviations of its luck.
@@ -46,6 +49,8 @@ class RunSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     perception: str = "simulated"
     density_m2: int = 100
     views: Views = "panoramic"
+    drive: Drive = "actions"
+    localisation: dict[str, float] = {}
     max_steps: int = 500
     seed: int = 0
     resolution_divisor: int = 2
@@ -64,6 +69,8 @@ class RunSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
         policy_of(self.policy)
         _expect("planner", self.planner, get_args(Planner))
         _expect("views", self.views, get_args(Views))
+        _expect("drive", self.drive, get_args(Drive))
+        self.localisation_error()
         _expect("camera_depth", self.camera_depth, get_args(CameraDepth))
         _expect("perception", self.perception, [b for b in BACKENDS if b != "auto"])  # a table must say what looked
         for detector in self.detectors:
@@ -82,6 +89,15 @@ class RunSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
             PlannerConfig(**self.planning)
         except ValidationError as error:
             raise ConfigError(f"these settings of the planner can't be: {error}") from error
+
+    def localisation_error(self) -> LocalisationError:
+        """ConfigError: an error that doesn't exist, or on a robot of actions, which knows where it is."""
+        if self.localisation and self.drive != "waypoints":
+            raise ConfigError("only a robot that drives to waypoints has a localisation: drive is waypoints")
+        try:
+            return msgspec.convert(self.localisation, LocalisationError)
+        except msgspec.ValidationError as error:
+            raise ConfigError(f"this error of localisation can't be: {error}") from None
 
     def fusion_config(self) -> FusionConfig:
         """The policy's joint maps with what is to be changed. ConfigError: a setting that doesn't exist or can't be."""

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import math
 import time
 from dataclasses import dataclass
 
 from surveilnav.bus import Unanswered
-from surveilnav.geometry import Pose
 from surveilnav.messages import Revision, RobotStatus, WaypointPose
+from surveilnav.robot_frame import PlanarTransform
 from surveilnav.services.planner.core import FloorMaps, PlannerConfig
+from surveilnav.services.planner.core.motion.waypoint_driving import is_decision_due
 from surveilnav.services.planner.mission_bus import MissionBus
 
 _WATCH_S = 0.1
-#: A turn on the spot ends before the next decision, unless it takes longer than this.
-_TURN_TIMEOUT_S = 15.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,23 +39,15 @@ class WaypointBus(MissionBus):
                 self._wait_for_robot(began_s, error)
 
     def wait_for_next_decision(self, waypoint: WaypointPose | None, config: PlannerConfig) -> None:
-        """Waits until the drive has ended, or the robot has got as far as by one action, or ``decision_period_s`` has passed.
-
-        So a step of the mission means about the same as for a robot of discrete actions. A turn on the spot is waited for.
-        """
+        """Waits until the next decision is due (``is_decision_due``), while the robot drives."""
         if waypoint is None:
             return
-        began_s, began = time.monotonic(), self.robot_status()
-        x_m, y_m, _ = began.T_world_base.translation_m
-        is_turn = math.hypot(waypoint.x_m - x_m, waypoint.y_m - y_m) < config.step_m / 2
-        limit_s = _TURN_TIMEOUT_S if is_turn else self.settings.decision_period_s
-        while time.monotonic() - began_s < limit_s:
+        began_s, began = time.monotonic(), _place_of(self.robot_status())
+        while True:
             self._pause(_WATCH_S)
-            status = self.robot_status()
-            drive = status.waypoint
-            if drive is None or drive.id != waypoint.id or drive.state != "driving":
-                return
-            if not is_turn and _has_moved(began.T_world_base, status.T_world_base, config):
+            status, elapsed_s = self.robot_status(), time.monotonic() - began_s
+            period_s = self.settings.decision_period_s
+            if is_decision_due(waypoint, status.waypoint, began, _place_of(status), elapsed_s, period_s, config):
                 return
 
     def hold(self, mission: str) -> None:
@@ -73,10 +63,5 @@ class WaypointBus(MissionBus):
         return newest_seq < seq
 
 
-def _has_moved(began: Pose, now: Pose, config: PlannerConfig) -> bool:
-    T_began, T_now = began.matrix(), now.matrix()
-    turned_rad = math.remainder(
-        math.atan2(T_now[1, 0], T_now[0, 0]) - math.atan2(T_began[1, 0], T_began[0, 0]), 2 * math.pi
-    )
-    moved_m = math.dist(T_began[:2, 3], T_now[:2, 3])
-    return moved_m >= config.step_m or abs(turned_rad) >= config.turn_rad
+def _place_of(status: RobotStatus) -> PlanarTransform:
+    return PlanarTransform.from_matrix(status.T_world_base.matrix())

@@ -138,13 +138,18 @@ class BusSettings(BaseSettings):
         )
 
 
+#: Zenoh lets a router have 1,000 sessions, and 100 that are just being opened. A building may have more cameras than that, and
+#: all of them come back at once when the router restarts.
+_UNICAST = {"max_links": 4, "max_sessions": 20_000, "accept_pending": 2_000}
+
+
 def _transport(lease_ms: int, wait_ms: int, files: TlsFiles | None, **sending: int) -> dict[str, object]:
     """Zenoh's ``transport``. For BLOCK_FIRST, ``wait_before_drop`` [us] is the time that a message waits for the one before."""
     queue = {"congestion_control": {"drop": {"wait_before_drop": wait_ms * 1000}}}
     link: dict[str, object] = {"tx": {"lease": lease_ms, "queue": queue, **sending}, "rx": _RECEIVE}
     if files is not None:
         link |= {"protocols": ["tls"], "tls": files.zenoh_config()}
-    return {"shared_memory": {"enabled": False}, "unicast": {"max_links": 4}, "link": link}
+    return {"shared_memory": {"enabled": False}, "unicast": _UNICAST, "link": link}
 
 
 def router_config(

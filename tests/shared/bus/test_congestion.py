@@ -199,3 +199,6 @@ def test_zenoh_takes_what_we_say_of_full_links(made):
     assert queue["block"]["wait_before_close"] == 5_000_000, "a frame has so long to pass a slow link"
     assert json.loads(said.get_json("transport/link/tx/keep_alive")) == (20 if "listen" in json.loads(made) else 4)
     assert json.loads(said.get_json("transport/link/rx/max_message_size")) < 2**27
+    unicast = json.loads(said.get_json("transport/unicast"))
+    assert unicast["max_sessions"] >= 10_000, "Zenoh's own limit is 1,000, so the thousandth camera waits for ever"
+    assert unicast["accept_pending"] >= 1_000, "all of them come back at once when the router restarts"

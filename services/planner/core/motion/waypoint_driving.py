@@ -13,7 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from surveilnav.messages import WaypointPose
+from surveilnav.messages import WaypointPose, WaypointStatus
+from surveilnav.robot_frame import PlanarTransform
 from surveilnav.services.planner.core.config import PlannerConfig
 from surveilnav.services.planner.core.decision import Decision
 from surveilnav.services.planner.core.inputs import RobotView
@@ -63,6 +64,35 @@ def to_drive(decision: Decision, state: MissionState, robot: RobotView, config: 
         return decision
     state.record_drive(wanted, is_turn=decision.action in _TURNS)
     return replace(decision, action="drive_to", waypoint_pose=wanted)
+
+
+#: A turn on the spot ends before the next decision, unless it takes longer than this.
+_TURN_TIMEOUT_S = 15.0
+
+
+def is_decision_due(
+    waypoint: WaypointPose,
+    status: WaypointStatus | None,
+    began: PlanarTransform,
+    now: PlanarTransform,
+    elapsed_s: float,
+    period_s: float,
+    config: PlannerConfig,
+) -> bool:
+    """Whether to decide again while a robot drives: when the drive has ended, when the robot has got as far as by one discrete
+    action, or after ``period_s``. So a step of a mission means about the same as for a robot of actions.
+
+    A turn on the spot is waited for, since what it shows is needed for the next decision.
+
+    Args:
+        began, now: the robot's pose at the last decision and now, in one frame; ``elapsed_s``: the time between.
+    """
+    if status is None or status.id != waypoint.id or status.state != "driving":
+        return True
+    if math.hypot(waypoint.x_m - began.x_m, waypoint.y_m - began.y_m) < config.step_m / 2:
+        return elapsed_s >= _TURN_TIMEOUT_S
+    moved_m, turned_rad = began.difference(now)
+    return elapsed_s >= period_s or moved_m >= config.step_m or turned_rad >= config.turn_rad
 
 
 def _end_of(decision: Decision, state: MissionState, robot: RobotView) -> WaypointPose:

@@ -69,7 +69,9 @@ def test_a_moment_before_all_that_is_kept_is_an_error(tree):
 
 
 def test_frames_that_nothing_joins_are_named(tree):
-    with pytest.raises(TransformError, match="no transform leads from 'gripper' to 'map'; frames that have one: base_link"):
+    with pytest.raises(
+        TransformError, match="no transform leads from 'gripper' to 'map'; frames that have one: base_link"
+    ):
         tree.lookup("map", "gripper")
 
 
