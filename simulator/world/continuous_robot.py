@@ -179,7 +179,7 @@ class ContinuousRobot:
 def _approach(now: float, wanted: float, limit: float, most: float) -> float:
     """``now``, changed towards ``wanted`` (within plus or minus ``limit``) by no more than ``most``."""
     wanted = max(-limit, min(limit, wanted))
-    return wanted if abs(wanted - now) <= most else now + math.copysign(most, wanted - now)
+    return wanted if abs(wanted - now) <= most + 1e-9 else now + math.copysign(most, wanted - now)
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]

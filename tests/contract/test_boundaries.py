@@ -46,6 +46,13 @@ PLANTS = {
     "the contract, the camera plan and the simulator know no bus and no web": {
         "simulator": "fastapi",
         "simulator/world": "surveilnav.bus",
+        "simulator/render": "surveilnav.ros2.session",
+        "simulator/hardware": "surveilnav.bus.node",
+    },
+    "simulated hardware is met on its wire alone": {
+        "benchmark": "surveilnav.simulator.hardware.ros2_robot",
+        "simulator/world": "surveilnav.simulator.hardware.faults",
+        "cli": "surveilnav.simulator.hardware.ros2_robot",
     },
     "only the bus and ROS 2's wire know Zenoh": {"services/camera_node": "zenoh", "cli": "zenoh"},
     "cores are pure: no bus, web, clock, environment, log or chance": {

@@ -15,11 +15,18 @@ from typing import Any
 
 import numpy as np
 
+from surveilnav.errors import WireError
 from surveilnav.ros2 import types
+from surveilnav.ros2.names import Qos
 from surveilnav.ros2.session import RosError, RosMessage, RosSession
 
 _CANCEL_TIMEOUT_S = 2.0
 _CDR_HEADER_BYTES = 4
+#: In a request to cancel it stands for all goals (action_msgs/srv/CancelGoal).
+_ALL_GOALS = bytes(16)
+_CANCEL_REJECTED = 1
+#: Results that a server keeps for those who ask late.
+_KEPT_RESULTS = 100
 _RESULT_TIMEOUT_S = 3600.0  # a goal may take long; who sends it stops waiting by cancelling it
 
 
@@ -128,10 +135,12 @@ class NavigateToPose:
         try:
             service = f"{self._action}/_action/get_result"
             response = self._session.call_encoded(service, types.encode(request), _RESULT_TIMEOUT_S)
-            # Only the status is read, the byte after CDR's header: what follows differs by distribution.
+            # The status is the byte after CDR's header; what follows differs by distribution.
             status = response[_CDR_HEADER_BYTES] if len(response) > _CDR_HEADER_BYTES else 0
             known = GoalStatus(status) if status in set(GoalStatus) else GoalStatus.UNKNOWN
-            why = "" if known is GoalStatus.SUCCEEDED else f"{self._action} ended the goal: {known.name.lower()}"
+            text = _error_text(response)
+            why = f"{self._action} ended the goal: {known.name.lower()}" + (f", {text}" if text else "")
+            why = "" if known is GoalStatus.SUCCEEDED else why
             goal.end(GoalResult(known, why))
         except RosError as error:
             goal.end(GoalResult(GoalStatus.UNKNOWN, str(error)))
@@ -155,7 +164,8 @@ class NavigateToPose:
 class NavigateToPoseServer:
     """The other end, for tests and simulated robots: ``accept`` says whether a goal is taken, and then has it driven.
 
-    ``cancel`` is called with the id of a goal that is to end. ``end`` tells the result.
+    ``cancel`` is called with the id of a goal that is to end, and says whether it will. ``end`` tells the result. Like
+    rclcpp's servers it publishes the states of its goals on ``_action/status``.
     """
 
     def __init__(
@@ -168,6 +178,7 @@ class NavigateToPoseServer:
     ) -> None:
         self._accept, self._cancel = accept, cancel
         self._results: dict[bytes, GoalResult] = {}
+        self._states: dict[bytes, GoalStatus] = {}
         self._ended = threading.Condition()
         package, name = "nav2_msgs/action", "NavigateToPose"
         services = (
@@ -178,17 +189,25 @@ class NavigateToPoseServer:
         for service, type_name, request_type, handler in services:
             # ROS's own hash of a service isn't known here; clients take it from the token
             hash_of_request = types.type_hash(request_type)
-            session.serve(f"{action}/_action/{service}", type_name, request_type, handler, hash_of_request)
+            waits = handler == self._on_result
+            session.serve(f"{action}/_action/{service}", type_name, request_type, handler, hash_of_request, waits=waits)
         self._feedback = session.publisher(
             f"{action}/_action/feedback", "nav2_msgs/action/NavigateToPose_FeedbackMessage"
         )
+        kept = Qos(transient_local=True, depth=1)
+        self._status = session.publisher(f"{action}/_action/status", "action_msgs/msg/GoalStatusArray", kept)
 
-    def tell_progress(self, id: bytes, pose: GoalPose, distance_remaining_m: float, recoveries: int = 0) -> None:
+    def tell_progress(
+        self, id: bytes, pose: GoalPose, distance_remaining_m: float, recoveries: int = 0, elapsed_s: float = 0.0
+    ) -> None:
+        """Publishes feedback on a goal: where the robot is, and how long it has been driving."""
         duration = types.make("builtin_interfaces/msg/Duration", sec=0, nanosec=0)
+        elapsed_ns = round(elapsed_s * 1e9)
+        elapsed = types.make("builtin_interfaces/msg/Duration", sec=elapsed_ns // 10**9, nanosec=elapsed_ns % 10**9)
         feedback = types.make(
             "nav2_msgs/action/NavigateToPose_Feedback",
             current_pose=_stamped(pose),
-            navigation_time=duration,
+            navigation_time=elapsed,
             estimated_time_remaining=duration,
             number_of_recoveries=recoveries,
             distance_remaining=distance_remaining_m,
@@ -197,15 +216,22 @@ class NavigateToPoseServer:
             types.make("nav2_msgs/action/NavigateToPose_FeedbackMessage", goal_id=_uuid(id), feedback=feedback)
         )
 
-    def end(self, id: bytes, status: GoalStatus) -> None:
-        """Tells everybody who waits how a goal ended."""
+    def end(self, id: bytes, status: GoalStatus, why: str = "") -> None:
+        """Tells everybody who waits how a goal ended. ``why``: as Nav2's ``error_msg``."""
         with self._ended:
-            self._results[id] = GoalResult(status)
+            self._results[id] = GoalResult(status, why)
+            for old in list(self._results)[:-_KEPT_RESULTS]:
+                del self._results[old]
+                self._states.pop(old, None)
             self._ended.notify_all()
+        self._publish_state(id, status)
 
     def _on_goal(self, request: Any) -> Any:
         pose = _pose_in(request.goal.pose)
-        accepted = self._accept(bytes(request.goal_id.uuid), pose)
+        id = bytes(request.goal_id.uuid)
+        accepted = self._accept(id, pose)
+        if accepted:
+            self._publish_state(id, GoalStatus.EXECUTING)
         stamp = types.make("builtin_interfaces/msg/Time", sec=0, nanosec=0)
         return types.make("nav2_msgs/action/NavigateToPose_SendGoal_Response", accepted=accepted, stamp=stamp)
 
@@ -213,17 +239,51 @@ class NavigateToPoseServer:
         id = bytes(request.goal_id.uuid)
         with self._ended:
             self._ended.wait_for(lambda: id in self._results)
+            result = self._results[id]
         return types.make(
             "nav2_msgs/action/NavigateToPose_GetResult_Response",
-            status=int(self._results[id].status),
+            status=int(result.status),
             error_code=0,
-            error_msg="",
+            error_msg=result.why,
         )
 
     def _on_cancel(self, request: Any) -> Any:
-        id = bytes(request.goal_info.goal_id.uuid)
-        cancelling = [request.goal_info] if self._cancel(id) else []
-        return types.make("action_msgs/srv/CancelGoal_Response", return_code=0, goals_canceling=cancelling)
+        info = request.goal_info
+        id, now = bytes(info.goal_id.uuid), info.stamp
+        with self._ended:
+            active = [goal for goal in self._states if goal not in self._results]
+        wanted = active if id == _ALL_GOALS else [id]
+        cancelling = [
+            types.make("action_msgs/msg/GoalInfo", goal_id=_uuid(goal), stamp=now)
+            for goal in wanted
+            if self._cancel(goal)
+        ]
+        return_code = 0 if cancelling else _CANCEL_REJECTED
+        return types.make("action_msgs/srv/CancelGoal_Response", return_code=return_code, goals_canceling=cancelling)
+
+    def _publish_state(self, id: bytes, status: GoalStatus) -> None:
+        stamp = types.make("builtin_interfaces/msg/Time", sec=0, nanosec=0)
+        with self._ended:
+            ended = self._results.get(id)
+            self._states[id] = ended.status if ended is not None else status
+            states = list(self._states.items())
+        listed = [
+            types.make(
+                "action_msgs/msg/GoalStatus",
+                goal_info=types.make("action_msgs/msg/GoalInfo", goal_id=_uuid(goal), stamp=stamp),
+                status=int(state),
+            )
+            for goal, state in states
+        ]
+        self._status.put(types.make("action_msgs/msg/GoalStatusArray", status_list=listed))
+
+
+def _error_text(response: bytes) -> str:
+    """Why a goal failed, where Nav2's result says so (since Kilted); empty where it doesn't."""
+    try:
+        return str(types.decode(response, "nav2_msgs/action/NavigateToPose_GetResult_Response").error_msg)
+    except WireError:
+        return ""
 
 
 def _uuid(id: bytes) -> Any:

@@ -210,8 +210,13 @@ class RosSession:
         request_type: str,
         handler: Callable[[Any], Any],
         type_hash: str,
+        *,
+        waits: bool = False,
     ) -> None:
-        """Serves a service: ``handler`` makes a response of a request, on a thread of Zenoh's."""
+        """Serves a service: ``handler`` makes a response of a request, on a thread of Zenoh's.
+
+        ``waits``: it may take long; each request then has a thread of its own, and none holds up another.
+        """
         name = qualified(service, self.namespace)
         entity = replace(self._entity("SS"), name=name, type_name=type_name, type_hash=type_hash)
 
@@ -225,7 +230,12 @@ class RosSession:
             except WireError as error:
                 self.on_fault(f"{name}: {error}")
 
-        self._keep(self.zenoh.declare_queryable(entity.data_key(), answer, complete=True))
+        def answer_on_a_thread(query: Any) -> None:
+            threading.Thread(target=answer, args=(query,), name=service, daemon=True).start()
+
+        self._keep(
+            self.zenoh.declare_queryable(entity.data_key(), answer_on_a_thread if waits else answer, complete=True)
+        )
         self._keep(self.zenoh.liveliness().declare_token(entity.token()))
 
     # --- presence -------------------------------------------------------------------------------------------------
