@@ -124,6 +124,7 @@ def starting(folder: Path, cache: Path) -> Iterator[Callable[..., System]]:
             gateway_port: int = 0,
             recorder: bool = False,
             cameras_file: Path | None = None,
+            robot_file: Path | None = None,
             lighting: str = "flat",
             secure: bool = False,
             shards: str = "",
@@ -148,6 +149,8 @@ def starting(folder: Path, cache: Path) -> Iterator[Callable[..., System]]:
                 variables["SURVEILNAV_CAMERA__FILE"] = variables["SURVEILNAV_GATEWAY__CAMERAS_FILE"] = str(cameras_file)
                 variables["SURVEILNAV_CAMERA__DEPTH"] = "network"  # which is good on rendered pictures
                 names = list(load_cameras(cameras_file).cameras)
+            if robot_file is not None:
+                variables["SURVEILNAV_ROBOT__FILE"] = str(robot_file)
             variables["SURVEILNAV_GATEWAY__PORT"] = str(gateway_port)
             variables["SURVEILNAV_FUSION__SHARDS"] = shards
             security = make_identities(folder / "security", building, names) if secure else None
