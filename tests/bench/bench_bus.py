@@ -15,7 +15,6 @@ import contextlib
 import itertools
 import json
 import os
-import re
 import signal
 import subprocess
 import sys
@@ -121,7 +120,7 @@ class Tuned(BusSettings):
     def client_config(self) -> str:
         choice, config = CHOICES[self.choice], super().client_config()
         if self.receive_buffer:  # loopback would take megabytes before it is full
-            config = re.sub(r"(\?prio=\d-\d)", rf"\1#so_rcvbuf={self.receive_buffer}", config)
+            config = config.replace(self.router, f"{self.router}#so_rcvbuf={self.receive_buffer}")
         return config if choice.bulk is None else tuned(config, choice.client, choice.lease_ms)
 
 

@@ -132,7 +132,7 @@ class Node:
     def healthy(self) -> bool:
         """Whether the loop still turns, the session is open, and the service is ``ready``."""
         turning = self._stepped_s is None or time.monotonic() - self._stepped_s < _STALLED_S
-        return turning and not self._connection.session.is_closed() and self.ready()
+        return turning and self._connection.is_open and self.ready()
 
     def traffic_report(self) -> TrafficReport:
         """What this process has published, received, dropped and sent over the network so far."""

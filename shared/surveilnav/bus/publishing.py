@@ -22,7 +22,7 @@ class Publisher:
     def __init__(self, connection: Connection, stream: Stream, key: str) -> None:
         self._connection, self._stream, self.key = connection, stream, key
         mime = "application/octet-stream" if stream.payload else "application/msgpack"
-        self._publisher = connection.session.declare_publisher(
+        self._publisher = connection.session_for(stream).declare_publisher(
             key,
             encoding=encoding_of(stream.message, mime),
             congestion_control=CONGESTION[stream.when_full],
@@ -57,7 +57,7 @@ class LatestMessage(Generic[M]):
 
     def __init__(self, connection: Connection, stream: Stream, key: str) -> None:
         self._connection, self._stream = connection, stream
-        self._subscriber = connection.session.declare_subscriber(key, zenoh.handlers.RingChannel(1))
+        self._subscriber = connection.session_for(stream).declare_subscriber(key, zenoh.handlers.RingChannel(1))
 
     def poll(self) -> Received[M] | None:
         """The newest message since the last poll, or None."""
@@ -79,7 +79,7 @@ class Subscription(Generic[M]):
                 with bound_request_id(received.request_id):
                     on_message(received)
 
-        self._subscriber = connection.session.declare_subscriber(key, on_sample)
+        self._subscriber = connection.session_for(stream).declare_subscriber(key, on_sample)
 
     def close(self) -> None:
         self._subscriber.undeclare()  # type: ignore[no-untyped-call]
@@ -108,7 +108,7 @@ class Table(Generic[M]):
         self._on_message = on_message
         self._rows: dict[str, Received[M]] = {}
         self._lock = threading.Lock()
-        self._subscriber = connection.session.declare_subscriber(key, self._on_sample)
+        self._subscriber = connection.session_for(stream).declare_subscriber(key, self._on_sample)
         if "query" in stream.kind:
             for received in Question(connection, stream, key).ask_all(1.0):
                 self._store(received)

@@ -99,7 +99,7 @@ class QueryServer:
         self._connection, self._stream, self._key, self._handler = connection, stream, key, handler
         self._retry_after_ms = retry_after_ms
         self._waiting: queue.Queue[Any] = queue.Queue(maxsize=capacity)
-        connection.keep(connection.session.declare_queryable(key, self._on_query))
+        connection.keep(connection.session_for(stream).declare_queryable(key, self._on_query))
         for i in range(workers):
             connection.start_thread(self._work, f"serve-{stream.name}-{i}")
 
@@ -295,7 +295,7 @@ class Question:
     def _is_served(self) -> bool:
         """Whether somebody serves the key. Without asking, an answer that was left out looks as if nobody did."""
         with bus_errors(self.key):
-            querier = self.connection.session.declare_querier(self.key)
+            querier = self.connection.session_for(self.stream).declare_querier(self.key)
             try:
                 for _ in range(_DISCOVERY_MS // 10):
                     if querier.matching_status.matching:  # type: ignore[attr-defined]
@@ -321,7 +321,7 @@ class Question:
             selector = f"{self.key}?" + ";".join(f"{quote(k)}={quote(v)}" for k, v in self.parameters.items())
         self.connection.traffic.count(self.key, "offered", len(attachment) + len(payload) + len(self.key))
         with bus_errors(self.key):
-            replies = self.connection.session.get(
+            replies = self.connection.session_for(self.stream).get(
                 selector,
                 timeout=timeout_s,
                 payload=payload or None,

@@ -120,15 +120,13 @@ class BusSettings(BaseSettings):
     def client_config(self) -> str:
         """Zenoh's configuration (JSON5) for a client of one router.
 
-        There are two links, so that bulk data doesn't delay commands (7 ms instead of 92 ms). Shared memory is off, because it
-        would hide bytes from the kernel's counters.
+        Shared memory is off, because it would hide bytes from the kernel's counters.
         """
-        links = [f"{self.router}?prio=1-4", f"{self.router}?prio=5-7"]
         return json.dumps(
             {
                 "mode": "client",
                 "connect": {
-                    "endpoints": [{"strategy": "allOf", "locators": links}],
+                    "endpoints": [self.router],
                     "timeout_ms": -1 if self.connect_timeout_s < 0 else int(self.connect_timeout_s * 1000),
                     "retry": {"period_init_ms": 200, "period_max_ms": 500},
                 },
@@ -140,7 +138,8 @@ class BusSettings(BaseSettings):
 
 #: Zenoh lets a router have 1,000 sessions, and 100 that are just being opened. A building may have more cameras than that, and
 #: all of them come back at once when the router restarts.
-_UNICAST = {"max_links": 4, "max_sessions": 20_000, "accept_pending": 2_000}
+#: More than one link for a session would let Zenoh mix up keys, see ``Connection``.
+_UNICAST = {"max_links": 1, "max_sessions": 20_000, "accept_pending": 2_000}
 
 
 def _transport(lease_ms: int, wait_ms: int, files: TlsFiles | None, **sending: int) -> dict[str, object]:

@@ -70,7 +70,7 @@ def reader(alone: BusSettings) -> Iterator[Callable[..., subprocess.Popen[str]]]
     started = []
 
     def start(key: str, program: str = READER, *arguments: str) -> subprocess.Popen[str]:
-        config = alone.client_config().replace("?prio=5-7", "?prio=5-7#so_rcvbuf=65536")
+        config = alone.client_config().replace(alone.router, f"{alone.router}#so_rcvbuf=65536")
         command = [sys.executable, "-c", program, config, key, *arguments]
         started.append(subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True))
         return started[-1]

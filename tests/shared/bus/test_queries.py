@@ -219,7 +219,7 @@ def answered(make_node, stranger):
 
         key = client.key(stream)
         kept.append(stranger.declare_queryable(key, on_query))
-        querier = client._connection.session.declare_querier(key)
+        querier = client._connection.session_for(stream).declare_querier(key)
         until(lambda: querier.matching_status.matching, "the router never heard of who answers")
         return client, asked
 
