@@ -69,6 +69,10 @@ class Ros2Robot:
         """The newest step's stamp, and where the robot then was in truth."""
         return self._latest
 
+    def start_clock(self) -> None:
+        """Has the robot's time begin now: what is made only once may have taken seconds."""
+        self._started_ns = time.time_ns()
+
     def step(self) -> None:
         """Moves the robot on by 50 ms, and publishes what is due."""
         with self._lock:
@@ -194,10 +198,11 @@ class Ros2Robot:
 
 def run(robot: Ros2Robot, ended: threading.Event) -> None:
     """Moves a robot in real time until ``ended`` is set."""
+    robot.start_clock()
     begun_s, steps = time.monotonic(), 0
     with robot.camera:
         while True:
-            behind_s = time.monotonic() - begun_s - steps * STEP_S
+            behind_s = time.monotonic() - begun_s - (steps + 1) * STEP_S
             if behind_s < 0 and ended.wait(-behind_s):
                 return
             if behind_s > _MAX_BEHIND_S:

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from surveilnav.bus.router import free_port, open_router
@@ -121,6 +122,45 @@ def test_a_goal_is_accepted_followed_and_reached_or_cancelled(session):
     driver.accepts = False
     with pytest.raises(RosError, match=r"rejects the goal \(1\.50, -2\.00\) in frame 'map'"):
         navigation.send(wanted, timeout_s=WAIT_S)
+
+
+def test_goals_are_waited_for_apart_and_say_why_they_ended(session):
+    driver = Driver(session("nav2"))
+    user, other = session("surveilnav"), NavigateToPose(session("other"))
+    navigation = NavigateToPose(user)
+    listed: list[list[int]] = []
+
+    def record(message: RosMessage) -> None:
+        listed.append([goal.status for goal in message.data.status_list])
+
+    kept = Qos(transient_local=True, depth=1)
+    user.subscribe("navigate_to_pose/_action/status", "action_msgs/msg/GoalStatusArray", record, kept)
+    wanted = GoalPose("map", 1.5, -2.0, 0.5)
+    first = navigation.send(wanted, timeout_s=WAIT_S)
+    second, third = other.send(wanted, timeout_s=WAIT_S), other.send(wanted, timeout_s=WAIT_S)
+    driver.server.end(third.id, GoalStatus.ABORTED, "no path")
+    assert third.wait(WAIT_S).why == "navigate_to_pose ended the goal: aborted, no path"
+    driver.server.end(second.id, GoalStatus.SUCCEEDED, "")
+    assert second.wait(WAIT_S).why == ""
+    assert first.result is None
+    states = [GoalStatus.EXECUTING, GoalStatus.SUCCEEDED, GoalStatus.ABORTED]
+    until(lambda: listed and listed[-1] == states, lambda: listed, timeout_s=WAIT_S)
+
+
+def test_an_empty_goal_id_cancels_all_goals(session):
+    driver = Driver(session("nav2"))
+    user = session("surveilnav")
+    navigation = NavigateToPose(user)
+    goals = [navigation.send(GoalPose("map", x_m, 0.0, 0.0), timeout_s=WAIT_S) for x_m in (1.0, 2.0, 3.0)]
+    driver.server.end(goals[0].id, GoalStatus.SUCCEEDED)
+    assert goals[0].wait(WAIT_S).status is GoalStatus.SUCCEEDED
+    nobody = types.make("unique_identifier_msgs/msg/UUID", uuid=np.zeros(16, np.uint8))
+    stamp = types.make("builtin_interfaces/msg/Time", sec=0, nanosec=0)
+    info = types.make("action_msgs/msg/GoalInfo", goal_id=nobody, stamp=stamp)
+    request = types.make("action_msgs/srv/CancelGoal_Request", goal_info=info)
+    response = user.call("navigate_to_pose/_action/cancel_goal", request, "action_msgs/srv/CancelGoal_Response", WAIT_S)
+    assert len(response.goals_canceling) == 2
+    assert [goal.wait(WAIT_S).status for goal in goals[1:]] == [GoalStatus.CANCELED] * 2
 
 
 def test_a_service_that_is_not_there_and_one_of_another_domain(session):

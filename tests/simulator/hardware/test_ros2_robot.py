@@ -234,6 +234,19 @@ def test_it_obeys_velocities_for_half_a_second(rig, stamped):
     until(lambda: r.robot.robot.turn_rate_rad_s == 0.0, timeout_s=WAIT_S)
 
 
+def test_stamps_are_of_the_machines_clock_or_off_by_what_is_set(rig):
+    for offset_s in (0.0, 3600.0):
+        r = rig(clock_offset_s=offset_s)
+        ages_s: list[float] = []
+
+        def receive(message: RosMessage, ages_s: list[float] = ages_s) -> None:
+            ages_s.append((message.received_ns - stamp_ns(message.data)) / 1e9)
+
+        r.user.subscribe("odom", TYPES["odom"], receive)
+        until(lambda: len(ages_s) >= 20, timeout_s=WAIT_S)  # noqa: B023
+        assert -0.01 <= min(ages_s) + offset_s < 0.5
+
+
 def test_pictures_are_made_only_while_somebody_looks(rig):
     r = rig()
     r.listen("odom")
