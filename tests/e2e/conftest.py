@@ -151,6 +151,8 @@ def starting(folder: Path, cache: Path) -> Iterator[Callable[..., System]]:
                 names = list(load_cameras(cameras_file).cameras)
             if robot_file is not None:
                 variables["SURVEILNAV_ROBOT__FILE"] = str(robot_file)
+                if cameras_file is not None:  # nothing of the building is simulated
+                    variables["SURVEILNAV_PERCEPTION__SIMULATED"] = "false"
             variables["SURVEILNAV_GATEWAY__PORT"] = str(gateway_port)
             variables["SURVEILNAV_FUSION__SHARDS"] = shards
             security = make_identities(folder / "security", building, names) if secure else None

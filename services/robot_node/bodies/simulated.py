@@ -6,9 +6,7 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-
-from surveilnav.errors import ConfigError, TargetError
+from surveilnav.errors import TargetError
 from surveilnav.messages import Stair
 from surveilnav.robot_body import CAMERA, CAMERA_HEIGHT_M, DEPTH_RANGE_M
 from surveilnav.robot_state import RobotState
@@ -16,9 +14,10 @@ from surveilnav.sensing.views import TrueInstances
 from surveilnav.services.robot_node.bodies.body import ActionBody, Observation
 from surveilnav.services.robot_node.bodies.state_file import StateFile
 from surveilnav.services.robot_node.config import RobotSettings
+from surveilnav.simulator.robot_start import start_state
 from surveilnav.simulator.simulation import SimulatedBuilding
 from surveilnav.simulator.world import robot_motion
-from surveilnav.simulator.world.goals import find_goals, judge, sample_start
+from surveilnav.simulator.world.goals import find_goals, judge
 
 #: A building may have hundreds of notes, and they travel in every status message.
 _MAX_NOTES = 8
@@ -97,46 +96,10 @@ def open_simulated_body(building: SimulatedBuilding, settings: RobotSettings) ->
         ConfigError: the start in the settings isn't free floor; the message says what is.
     """
     if not settings.store:
-        return SimulatedBody(building, start_state(building, settings))
+        return SimulatedBody(building, start_state(building, settings.start, settings.start_for))
     origin = repr((building.scene.content_hash, building.settings.seed, settings.start, settings.start_for))
     file = StateFile(Path(settings.store), origin)
     state = file.load()
     if state is None or not building.navigation.is_navigable(state.p_world, state.floor):
-        state = start_state(building, settings)
+        state = start_state(building, settings.start, settings.start_for)
     return SimulatedBody(building, state, file)
-
-
-def start_state(building: SimulatedBuilding, settings: RobotSettings) -> RobotState:
-    """Where the robot begins: at ``settings.start``, out of sight of ``settings.start_for``, or anywhere that it can move.
-
-    Raises:
-        ConfigError: the start in the settings isn't free floor; the message says what is.
-    """
-    navigation, seed = building.navigation, building.settings.seed
-    if settings.start:
-        return _parse_start(building, settings.start)
-    if settings.start_for:
-        goals = find_goals(building.scene, navigation, settings.start_for, caster=building.caster)
-        start = sample_start(building.scene, navigation, goals, seed=seed, caster=building.caster)
-        return RobotState(*start.p_m, start.floor, start.yaw_rad)
-    rng = np.random.default_rng(seed)
-    floor = max(navigation.robot_area, key=lambda f: int(navigation.robot_area[f].sum()))
-    return RobotState(*navigation.random_point(rng, floor), floor, float(rng.uniform(-np.pi, np.pi)))
-
-
-def _parse_start(building: SimulatedBuilding, start: str) -> RobotState:
-    parts = [part.strip() for part in start.split(",")]
-    floors = list(building.navigation.floors)
-    try:
-        x_m, y_m, floor, yaw_deg = float(parts[0]), float(parts[1]), parts[2], float(parts[3])
-    except (ValueError, IndexError):
-        raise ConfigError(f"a start is x,y,floor,yaw_deg such as 1.5,2.0,{floors[0]},90, got {start!r}") from None
-    if floor not in floors:
-        raise ConfigError(f"no floor {floor!r} in {building.scene.name}; it has {floors}")
-    z_m = building.navigation.floors[floor].z_m
-    if not building.navigation.is_navigable((x_m, y_m, z_m), floor):
-        near = building.navigation.snap((x_m, y_m, z_m), floor)
-        raise ConfigError(
-            f"the robot can't stand at {x_m:g},{y_m:g} on floor {floor!r}; the nearest free place is {near}"
-        )
-    return RobotState(x_m, y_m, z_m, floor, float(np.deg2rad(yaw_deg)))

@@ -37,7 +37,9 @@ class Source:
         self.summaries.put(CameraSummary(stamp_ns=clock_ns(), floor="0", camera=self.name, labels={}))
         self.statuses.put(status(self.name))
         for view, truth in enumerate(self.truths):
-            truth.put(Truth(stamp_ns=clock_ns(), source=self.name, view=view, seq=1, width_px=1, height_px=1, labels={}), b"x")
+            truth.put(
+                Truth(stamp_ns=clock_ns(), source=self.name, view=view, seq=1, width_px=1, height_px=1, labels={}), b"x"
+            )
 
 
 def test_messages_come_under_their_own_keys_afterwards():

@@ -15,10 +15,10 @@ from surveilnav.services.robot_node.bodies.simulated import (
     SimulatedBody,
     SimulatedJudge,
     open_simulated_body,
-    start_state,
 )
 from surveilnav.services.robot_node.bodies.state_file import _FORMAT
 from surveilnav.services.robot_node.config import RobotSettings
+from surveilnav.simulator.robot_start import start_state
 from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings
 from surveilnav.simulator.world.goals import find_goals
 from surveilnav.storage import write_parts
@@ -82,10 +82,10 @@ def test_it_moves_by_the_rules_and_sees_where_it_stands():
 
 
 def test_it_begins_where_it_is_told_or_anywhere_by_the_seed():
-    told = start_state(Building(), RobotSettings(start="1.5, 2, 0, 90"))
+    told = start_state(Building(), "1.5, 2, 0, 90", "")
     assert (told.p_world, told.floor, told.yaw_rad) == ((1.5, 2.0, 0.2), "0", pytest.approx(math.pi / 2))
-    drawn = start_state(Building(), RobotSettings())
-    assert drawn == start_state(Building(), RobotSettings())
+    drawn = start_state(Building(), "", "")
+    assert drawn == start_state(Building(), "", "")
     assert Building.navigation.is_navigable(drawn.p_world, "0")
 
 
@@ -99,7 +99,7 @@ def test_it_begins_where_it_is_told_or_anywhere_by_the_seed():
 )
 def test_a_start_that_is_none_is_explained(start, why):
     with pytest.raises(ConfigError, match=why):
-        start_state(Building(), RobotSettings(start=start))
+        start_state(Building(), start, "")
 
 
 @pytest.fixture

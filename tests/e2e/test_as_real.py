@@ -1,0 +1,120 @@
+"""Nothing simulated in the wiring: RTSP cameras without depth, and a robot that is met by ROS 2 alone, find a target together."""
+
+from __future__ import annotations
+
+import math
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from surveilnav.bus.router import free_port
+from surveilnav.contract import MISSION_PLAN, ROBOT_STATUS
+from surveilnav.messages import FINISHED_STATES, RobotStatus
+from surveilnav.robot_state import RobotState
+from surveilnav.ros2.session import RosSession
+from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings
+from surveilnav.simulator.world.goals import find_goals, judge
+from tests import rendered_streams, streams
+from tests.e2e.conftest import System, starting
+from tests.robot_hardware import Hardware, robot_hardware
+from tests.waiting import until
+
+#: Has Python refuse to import the simulator (``sitecustomize``).
+REFUSAL = Path(__file__).parent / "without_simulator"
+BUILDING, VIEWS = "parametric_flat", [("c0-1", 8), ("c0-1", 2)]
+
+
+@dataclass
+class Real:
+    """The services, and the hardware that they are connected to."""
+
+    system: System
+    robot: Hardware
+
+
+@pytest.fixture(scope="module")
+def real(tmp_path_factory: pytest.TempPathFactory, home_cache: Path) -> Iterator[Real]:
+    folder = tmp_path_factory.mktemp("real")
+    with pytest.MonkeyPatch.context() as environ:
+        environ.setenv("SURVEILNAV_CACHE_DIR", str(home_cache))
+        environ.setenv("SURVEILNAV_SIM__LIGHTING", "baked")
+        building = SimulatedBuilding(SimulationSettings(building=BUILDING, cameras=1))
+        building.prepare()
+        rendered_streams.write_streams(building, VIEWS, folder)
+        with (
+            streams.rtsp_server(folder) as (address, _),
+            robot_hardware(folder, BUILDING, start="6.67,6.08,0,30") as robot,
+            starting(tmp_path_factory.mktemp("system"), home_cache) as start,
+        ):
+            environ.setenv("PYTHONPATH", str(REFUSAL))
+            file = folder / "cameras.yaml"
+            file.write_text(rendered_streams.cameras_yaml(building, VIEWS, address))
+            yield Real(
+                start(
+                    cameras=1,
+                    perception="compact",
+                    cameras_file=file,
+                    robot_file=robot.file,
+                    lighting="baked",
+                    gateway_port=free_port(),
+                    recorder=True,
+                ),
+                robot,
+            )
+
+
+def status_of(system: System) -> RobotStatus:
+    status: RobotStatus = system.node.ask(ROBOT_STATUS, robot="r1").message
+    return status
+
+
+def true_pose(robot: Hardware) -> tuple[float, float, float]:
+    """Where the robot is in truth, which nobody but a test may know: x, y [m], yaw [rad] in the building."""
+    came = []
+    with RosSession("judge", router=robot.router) as session:
+        session.subscribe("/ground_truth", "nav_msgs/msg/Odometry", came.append)
+        until(lambda: came)
+    pose = came[-1].data.pose.pose
+    return pose.position.x, pose.position.y, 2 * math.atan2(pose.orientation.z, pose.orientation.w)
+
+
+@pytest.mark.slow
+def test_the_robot_is_where_its_file_and_its_transforms_put_it(real: Real) -> None:
+    until(lambda: status_of(real.system).seq > 0, lambda: status_of(real.system).message, timeout_s=30.0)
+    status = status_of(real.system)
+    x, y, yaw = true_pose(real.robot)
+    assert math.dist(status.T_world_base.translation_m[:2], (x, y)) < 0.15
+    T = status.T_world_base.matrix()
+    assert abs(math.remainder(math.atan2(T[1, 0], T[0, 0]) - yaw, 2 * math.pi)) < 0.05
+    assert (status.description.drive, status.description.camera_height_m) == ("waypoints", pytest.approx(0.88))
+
+
+@pytest.mark.slow
+def test_a_search_is_found_and_the_robot_stands_at_the_target_in_truth(real: Real) -> None:
+    system = real.system
+    system.search("tv")
+    status = system.wait(lambda s: s.state in FINISHED_STATES, 240.0)
+    assert (status.state, status.found) == ("done", True), status
+    plan = system.node.ask(MISSION_PLAN, mission="m1").message
+    assert plan.action == "stop"
+    x, y, yaw = true_pose(real.robot)
+    building = system.building
+    goals = find_goals(building.scene, building.navigation, "tv", caster=building.caster)
+    stands = RobotState(x, y, 0.0, "0", yaw, stopped=True)
+    verdict = judge(goals, stands, shortest_path_m=0.0)
+    assert verdict.distance_to_viewpoint_m < 0.5, "it stands at a tv, but for its own error of localisation"
+
+
+@pytest.mark.slow
+def test_no_process_of_the_system_can_import_the_simulator(real: Real) -> None:
+    """All of them run with this refusal, and the search above was found."""
+    done = subprocess.run(
+        [sys.executable, "-c", "import surveilnav.simulator"], capture_output=True, text=True, check=False
+    )
+    assert "the simulator isn't part of a real building" in done.stderr
+    for name, process in real.system.stack.processes.items():
+        assert str(REFUSAL).encode() in Path(f"/proc/{process.pid}/environ").read_bytes(), name
