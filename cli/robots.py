@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from surveilnav.cli import robot_setup
 from surveilnav.cli.completing import robot_ids
 from surveilnav.cli.options import (
     DEFAULT_URL,
@@ -23,7 +24,12 @@ from surveilnav.cli.removing import FromMaps, Since, Until, known_or_as_typed, r
 if TYPE_CHECKING:
     from surveilnav.rest import RobotHalt
 
-app = typer.Typer(invoke_without_command=True, help="List robots; take what one has contributed out of the maps.")
+app = typer.Typer(
+    invoke_without_command=True,
+    help="List robots; take what one has contributed out of the maps; check a real robot and find its map's place.",
+)
+app.command("check")(robot_setup.check)
+app.command("frame")(robot_setup.frame)
 
 Id = Annotated[
     str,

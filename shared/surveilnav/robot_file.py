@@ -13,6 +13,7 @@ from surveilnav import robot_body
 from surveilnav.contract import ID_PATTERN
 from surveilnav.errors import ConfigError
 from surveilnav.robot_frame import PlanarTransform
+from surveilnav.storage import atomic_write
 from surveilnav.yaml_file import compose, line_of, plain
 
 
@@ -133,3 +134,38 @@ def load_robot(path: Path, text: str | None = None) -> RobotFile:
         raise ConfigError(f"{path}, line {line_of(root, first['loc'])}: {where}: {first['msg']}") from None
     except ValueError as error:
         raise ConfigError(f"{path}: {error}") from None
+
+
+def write_frame(path: Path, T_building_map: PlanarTransform) -> None:
+    """Writes where the robot's map lies into its file. All other lines stay as they are.
+
+    Raises:
+        ConfigError: the file can't be read or written, or has a form that can't be edited; then it stays as it is.
+    """
+    path = path.resolve()  # a link stays a link
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"the robot file can't be read: {error}") from error
+    T = T_building_map
+    values = {"x_m": round(T.x_m, 4), "y_m": round(T.y_m, 4), "yaw_deg": round(math.degrees(T.yaw_rad), 3)}
+    entry = f"T_building_map: {{{', '.join(f'{name}: {value:g}' for name, value in values.items())}}}\n"
+    first = next((i for i, line in enumerate(lines) if line.startswith("T_building_map:")), None)
+    if first is None:
+        if lines and not lines[-1].endswith("\n"):
+            lines[-1] += "\n"
+        lines.append(entry)
+    else:
+        end = first + 1
+        while end < len(lines) and lines[end][:1] in (" ", "\t"):  # a table over several lines
+            end += 1
+        lines[first:end] = [entry]
+    text = "".join(lines)
+    changed = load_robot(path, text).T_building_map
+    if changed is None or changed.model_dump() != values:
+        raise ConfigError(f"{path}: T_building_map can't be replaced there; write it yourself: {entry.strip()}")
+    try:
+        with atomic_write(path) as out:
+            out.write(text.encode())
+    except OSError as error:
+        raise ConfigError(f"{path} can't be written: {error.strerror}. It is as it was") from error

@@ -69,6 +69,8 @@ NEEDING = {
     "cameras calibrate": ("services", ["cameras", "calibrate", "lobby", "--clicks", "clicks.yaml"]),
     "cameras calibrate-tag": ("services", ["cameras", "calibrate-tag", "--offline"]),
     "cameras draw-tag": ("services", ["cameras", "draw-tag", "tag.png"]),
+    "robots check": ("services", ["robots", "check", "robot.yaml"]),
+    "robots frame": ("services", ["robots", "frame", "robot.yaml", "--pair", "0,0=1,1"]),
     "cameras schema": ("services", ["cameras", "schema"]),
     "security init": ("services", ["security", "init", "x"]),
     "security check": ("services", ["security", "check", "x"]),

@@ -94,6 +94,31 @@ def test_the_robot_is_where_its_file_and_its_transforms_put_it(real: Real) -> No
 
 
 @pytest.mark.slow
+def test_a_check_of_the_robot_finds_all_that_is_needed(real: Real) -> None:
+    done = subprocess.run(
+        [Path(sys.executable).parent / "surveilnav", "robots", "check", real.robot.file, "--seconds", "3"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    parts = [line.split(":")[0].split()[-1] for line in done.stdout.splitlines()]
+    assert parts == [
+        "router",
+        "odometry",
+        "colour",
+        "depth",
+        "camera_info",
+        "clock",
+        "pictures",
+        "place",
+        "camera",
+        "Nav2",
+    ]
+    assert "0.88 m above its base" in done.stdout
+
+
+@pytest.mark.slow
 def test_a_search_is_found_and_the_robot_stands_at_the_target_in_truth(real: Real) -> None:
     system = real.system
     system.search("tv")

@@ -100,6 +100,7 @@ class RosSession:
         config.insert_json5("mode", '"client"')
         config.insert_json5("connect/endpoints", f'["{self._router}"]')
         config.insert_json5("scouting/multicast/enabled", "false")
+        config.insert_json5("transport/shared_memory/enabled", "false")  # as in rmw_zenoh by default
         config.insert_json5("timestamping/enabled", "true")  # which caches of late joiners need
         try:
             self.zenoh = zenoh.open(config)

@@ -121,11 +121,15 @@ class Ros2Body:
         """Why it can't be used, once that has lasted for a while."""
         return self._problem if time.monotonic() - self._problem_since_s >= _PATIENCE_S else ""
 
+    def camera_problem(self) -> str:
+        """Why its pictures can't be used, for people; empty if they can, as far as is known."""
+        return self._camera.missing() or self._camera.problem
+
     def _watch(self) -> None:
         """Looks now and then whether something is wrong."""
         while not self._closing.wait(_WATCH_S):
             self.place.record_corrections()
-            why = self.place.problem() or self._camera.missing() or self._camera.problem
+            why = self.place.problem() or self.camera_problem()
             if bool(why) != bool(self._problem):
                 self._problem_since_s = time.monotonic()
             self._problem = why

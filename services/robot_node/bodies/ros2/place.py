@@ -101,7 +101,7 @@ class RobotPlace:
         if frames.map == frames.odom:
             self._frame_lost = (
                 f"its odometry began anew ({moved_m:.2f} m from where it was), so where its map lies in the building isn't known "
-                "any more: measure it again (surveilnav robot frame)"
+                "any more: measure it again (surveilnav robots frame)"
             )
 
     # --- where it is ----------------------------------------------------------------------------------------------
@@ -110,7 +110,7 @@ class RobotPlace:
         """Why the robot's place isn't known, for people; empty if it is."""
         with self._lock:
             if self._T_building_map is None:
-                return "where its map lies in the building isn't known: measure it (surveilnav robot frame)"
+                return "where its map lies in the building isn't known: measure it (surveilnav robots frame)"
             if self._frame_lost:
                 return self._frame_lost
             silent_s = time.monotonic() - max(self.odometry_s, self._began_s)

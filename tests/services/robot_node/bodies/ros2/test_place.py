@@ -115,7 +115,7 @@ def test_without_the_frame_its_place_is_not_known():
     robot.localise(1.0)
     robot.drive(2.0)
     assert (
-        robot.place.problem() == "where its map lies in the building isn't known: measure it (surveilnav robot frame)"
+        robot.place.problem() == "where its map lies in the building isn't known: measure it (surveilnav robots frame)"
     )
     with pytest.raises(TransformError):
         robot.place.base_in_building()

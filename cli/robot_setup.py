@@ -1,0 +1,97 @@
+"""``surveilnav robots check`` and ``robots frame``: whether a real robot says what is needed, and where its map lies."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from surveilnav.cli.extras import needs
+from surveilnav.cli.options import AsJson, print_json, results
+
+if TYPE_CHECKING:
+    from surveilnav.robot_frame import FoundFrame
+
+File = Annotated[Path, typer.Argument(metavar="FILE", help="The robot file, such as robot.yaml.")]
+
+
+@needs("services")
+def check(
+    file: File,
+    seconds: Annotated[float, typer.Option(min=1, max=120, help="How long to listen.")] = 5.0,
+    as_json: AsJson = False,
+) -> None:
+    """Check a robot by its file: its router, topics and rates, transforms, place, and Nav2. Exit 1 if something is missing."""
+    from surveilnav.cli.robot_check import check_robot
+    from surveilnav.robot_file import load_robot
+
+    found = check_robot(load_robot(file), seconds)
+    if as_json:
+        print_json({"checks": [{"part": f.part, "ok": f.ok, "message": f.message} for f in found]})
+    for finding in [] if as_json else found:
+        mark = "ok     " if finding.ok else "problem"
+        results.print(f"{mark}  {finding.part}: {finding.message}", soft_wrap=True, highlight=False, markup=False)
+    sys.exit(0 if all(f.ok for f in found) else 1)
+
+
+@needs("services")
+def frame(
+    file: File,
+    pair: Annotated[
+        list[str],
+        typer.Option(
+            metavar="X,Y=X,Y",
+            help="A place in the building and the same place in the robot's map [m], such as 3.2,1.0=0.4,-2.1. At least two; "
+            "with four or more, one that is wrong is found.",
+        ),
+    ],
+    write: Annotated[bool, typer.Option("--write", help="Write T_building_map into the file.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Find where a robot's map lies in the building, from places that are known in both."""
+    from surveilnav.robot_file import load_robot, write_frame
+    from surveilnav.robot_frame import from_point_pairs
+
+    load_robot(file)
+    places = [_places(text) for text in pair]
+    found = from_point_pairs([b for b, _ in places], [m for _, m in places])
+    if write:
+        write_frame(file, found.T_building_map)
+    _print_frame(found, file, as_json, written=write)
+
+
+def _print_frame(found: FoundFrame, file: Path, as_json: bool, *, written: bool) -> None:
+    import math
+
+    T = found.T_building_map
+    entry = {"x_m": round(T.x_m, 4), "y_m": round(T.y_m, 4), "yaw_deg": round(math.degrees(T.yaw_rad), 3)}
+    if as_json:
+        print_json(
+            {
+                "T_building_map": entry,
+                "residual_m": found.residual_m,
+                "left_out": list(found.left_out),
+                "written": written,
+            }
+        )
+        return
+    results.print(found.sentence, soft_wrap=True, highlight=False, markup=False)
+    text = ", ".join(f"{name}: {value:g}" for name, value in entry.items())
+    say = f"written to {file}" if written else "not written (--write does)"
+    results.print(f"T_building_map: {{{text}}}   {say}", soft_wrap=True, highlight=False, markup=False)
+
+
+def _places(text: str) -> tuple[Sequence[float], Sequence[float]]:
+    """The two places of ``x,y=x,y``."""
+    try:
+        building, map_ = ([float(v) for v in side.split(",")] for side in text.split("="))
+        if len(building) != 2 or len(map_) != 2:
+            raise ValueError
+    except ValueError:
+        raise typer.BadParameter(
+            f"expected a place in the building and one in the map, such as 3.2,1.0=0.4,-2.1, got {text!r}"
+        ) from None
+    return building, map_
