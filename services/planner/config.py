@@ -40,6 +40,11 @@ class PlannerSettings(BaseSettings):
     command_deadline_s: float = Field(
         default=60.0, gt=0, description="the robot stops if it receives no command for this long"
     )
+    drive_deadline_s: float = Field(
+        default=10.0,
+        gt=0,
+        description="a robot that drives to a waypoint by itself stops if it receives no command for this long",
+    )
     decision_period_s: float = Field(
         default=1.0,
         gt=0,

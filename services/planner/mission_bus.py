@@ -154,7 +154,7 @@ class MissionBus:
             stamp_ns=clock_ns(),
             action=cast("ActionName", action),
             seq_expected=seq,
-            deadline_ms=round(self.settings.command_deadline_s * 1000),
+            deadline_ms=round(self._deadline_s(action) * 1000),
             to_floor=to_floor,
             mission=mission,
             waypoint=waypoint,
@@ -163,6 +163,9 @@ class MissionBus:
             ROBOT_COMMAND, command, robot=self.robot, timeout_s=self.settings.ask_timeout_s
         ).message
         return reply
+
+    def _deadline_s(self, action: str) -> float:
+        return self.settings.drive_deadline_s if action == "drive_to" else self.settings.command_deadline_s
 
     def _holds(self, revision: Revision, seq: int) -> bool:
         """Whether maps contain the robot's observation ``seq``, and no later one."""

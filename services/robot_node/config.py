@@ -18,7 +18,7 @@ class RobotSettings(BaseSettings):
         "", description="the robot file of a real robot, such as robot.yaml; empty: a robot of the simulated building"
     )
     observation_hz: float = Field(
-        2.0, gt=0, le=10, description="how often a robot observes while it drives to a waypoint by itself"
+        2.0, gt=0, le=10, description="how often a robot observes at most while it drives to a waypoint by itself"
     )
     start: str = Field(
         "", description="where the robot starts: x,y,floor,yaw_deg in the world; empty: a place chosen by the seed"

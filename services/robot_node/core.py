@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -27,6 +28,25 @@ class HaltState:
         if not self.halted or action == "stop":
             return ""
         return f"the robot is halted ({self.reason or 'no reason was given'}): release it first"
+
+
+#: A robot that observes while it drives takes a new view after it has moved or turned by this much. More views from one place
+#: would count as more evidence, but show the same; so one that stands still takes a view only now and then.
+_NEW_VIEW_M, _NEW_VIEW_RAD, _STANDING_PERIOD_S = 0.15, math.radians(10.0), 5.0
+
+
+def is_view_due(last: RobotState | None, now: RobotState, elapsed_s: float, period_s: float) -> bool:
+    """Whether a robot that drives to waypoints by itself is to observe again.
+
+    Args:
+        last: its state at the last observation; None: there was none.
+        elapsed_s: time since then. ``period_s``: the least time between two observations.
+    """
+    if last is None:
+        return True
+    turned_rad = abs(math.remainder(now.yaw_rad - last.yaw_rad, 2 * math.pi))
+    moved = math.dist(now.p_world, last.p_world) >= _NEW_VIEW_M or turned_rad >= _NEW_VIEW_RAD
+    return elapsed_s >= (period_s if moved else max(period_s, _STANDING_PERIOD_S))
 
 
 def reported_state(state: RobotState, halt: HaltState, *, deadline_missed: bool, awaiting_command: bool) -> StateName:

@@ -7,6 +7,7 @@ import time
 from surveilnav.bus import Answer, Node, bound_request_id, clock_ns
 from surveilnav.contract import ROBOT_STATUS
 from surveilnav.messages import RobotStatus, WaypointStatus
+from surveilnav.robot_state import RobotState
 from surveilnav.services.robot_node import core
 from surveilnav.services.robot_node.bodies.body import Body, Observation
 from surveilnav.services.robot_node.commands import CommandHandler
@@ -26,6 +27,7 @@ class RobotService:
     def __init__(self, node: Node, body: Body, settings: RobotSettings, judge: Judge | None = None) -> None:
         self._node, self._body, self._settings = node, body, settings
         self._status_s = self._observed_s = 0.0
+        self._observed: RobotState | None = None  # at the last observation
         self._halt_switch = HaltSwitch(settings.store)
         stop_judge = StopJudge(node, settings.id, judge) if judge is not None else None
         self._observations = ObservationPublisher(node, settings.id)
@@ -55,10 +57,11 @@ class RobotService:
     def _observe_if_due(self, now_s: float, *, has_acted: bool) -> Observation | None:
         """A new observation; None: none is due, or the body has seen nothing new."""
         if self._body.description.drive == "waypoints":
-            if now_s - self._observed_s < 1.0 / self._settings.observation_hz:
+            period_s = 1.0 / self._settings.observation_hz
+            if not core.is_view_due(self._observed, self._body.state, now_s - self._observed_s, period_s):
                 return None
-            observed = self._body.observe()
-            self._observed_s = now_s if observed is not None else self._observed_s
+            if (observed := self._body.observe()) is not None:
+                self._observed, self._observed_s = observed.state, now_s
             return observed
         return self._body.observe() if has_acted else None
 

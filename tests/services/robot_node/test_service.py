@@ -21,7 +21,16 @@ from surveilnav.contract import (
     TRUTH,
 )
 from surveilnav.geometry import Pinhole, yaw_of
-from surveilnav.messages import Command, Halt, MissionStatus, RobotStatus, Stair
+from surveilnav.messages import (
+    Command,
+    Halt,
+    MissionStatus,
+    RobotDescription,
+    RobotStatus,
+    Stair,
+    WaypointPose,
+    WaypointStatus,
+)
 from surveilnav.robot_state import RobotState
 from surveilnav.sensing.packing import decode_frame
 from surveilnav.sensing.truth import truth_from_wire
@@ -354,3 +363,66 @@ def test_a_robot_that_was_halted_comes_back_halted(robot, client, command, tmp_p
         command("move_forward", 0)
     halt(client, halted=False)
     assert command("move_forward", 0).accepted
+
+
+class DrivingBody(Body):
+    """A robot that drives by itself: as far as the test says."""
+
+    description = RobotDescription(drive="waypoints")
+
+    def __init__(self):
+        super().__init__()
+        self.problem, self.waypoint, self.sent = "", None, []
+
+    def refusal(self, action, to_floor=None):
+        return "" if action in ("drive_to", "stop") else "it drives by itself"
+
+    def drive_to(self, waypoint):
+        self.sent.append(waypoint)
+        self.waypoint = waypoint and WaypointStatus(id=waypoint.id, state="driving")
+
+    def observe(self):
+        self.state = dataclasses.replace(self.state, seq=self.state.seq + 1)
+        return super().observe()
+
+    def move(self, x_m):
+        self.state = dataclasses.replace(self.state, x_m=self.state.x_m + x_m)
+
+
+THERE = WaypointPose(id="7", x_m=3.0, y_m=0.0, yaw_rad=0.0)
+
+
+def test_a_robot_that_drives_by_itself_observes_meanwhile_and_takes_commands_for_older_views(robot, client, command):
+    body = DrivingBody()
+    service = robot(body, observation_hz=10)
+    assert service.step()
+    assert not service.step(), "it stands still, and has just looked"
+    assert command("drive_to", 0, waypoint=THERE).accepted
+    assert body.sent == [THERE]
+    body.move(0.5)
+    until(service.step)
+    status = client.ask(ROBOT_STATUS, robot="r1").message
+    assert (status.seq, status.description.drive, status.waypoint.id) == (2, "waypoints", "7")
+    assert command("drive_to", 1, waypoint=None).accepted, "decided on an older view"
+    assert body.sent[-1] is None
+    assert not command("drive_to", 9, waypoint=THERE).accepted
+
+
+def test_a_robot_that_drives_by_itself_stops_without_further_commands(robot, client, command):
+    body = DrivingBody()
+    service = robot(body)
+    command("drive_to", 0, waypoint=THERE, deadline_ms=50)
+    until(lambda: [service.step()] and body.halts)
+    assert "no command came before the deadline" in client.ask(ROBOT_STATUS, robot="r1").message.message
+
+
+def test_a_robot_that_is_not_ready_says_why_and_takes_only_a_stop(robot, client, command):
+    body = DrivingBody()
+    robot(body)
+    body.problem = "its localisation is lost"
+    status = client.ask(ROBOT_STATUS, robot="r1").message
+    assert (status.state, status.message) == ("error", "its localisation is lost")
+    with pytest.raises(Refused, match="localisation is lost") as refused:
+        command("drive_to", 0, waypoint=THERE)
+    assert refused.value.name == "not_ready"
+    assert command("stop", 0).accepted
