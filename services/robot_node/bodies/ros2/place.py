@@ -15,8 +15,8 @@ from surveilnav.robot_frame import PlanarTransform
 from surveilnav.services.robot_node.bodies.ros2.camera import stamp_of
 from surveilnav.services.robot_node.bodies.ros2.transforms import TransformBuffer, TransformError
 
-#: Odometry that moves by more than this from one message to the next wasn't driven.
-_JUMP_M = 0.5
+#: Odometry that moves by more than this, and by more than at this speed since the last message, wasn't driven.
+_JUMP_M, _FASTEST_M_S = 0.5, 3.0
 #: The place in the map that changes by more than odometry says was corrected by the localisation, which people should know.
 _CORRECTED_M = 0.3
 #: A localisation that is less sure than this (standard deviation along the worse axis) is lost.
@@ -77,7 +77,8 @@ class RobotPlace:
             if last is None:
                 return
             moved_m = math.hypot(p.x - last[1], p.y - last[2])
-            if sender != last[3] or moved_m > _JUMP_M or stamp_ns < last[0] - 10**9:
+            driven_m = _FASTEST_M_S * max(0, stamp_ns - last[0]) / 1e9
+            if sender != last[3] or moved_m > _JUMP_M + driven_m or stamp_ns < last[0] - 10**9:
                 self._on_restart(stamp_ns, moved_m)
             else:
                 self.path_m += moved_m

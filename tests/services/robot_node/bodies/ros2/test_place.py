@@ -123,22 +123,33 @@ def test_without_the_frame_its_place_is_not_known():
     assert robot.place.problem() == ""
 
 
-@pytest.mark.parametrize(("x", "stamp_ns", "sender"), [(0.0, 2 * S, b"a"), (2.0, 2 * S, b"b"), (2.0, -5 * S, b"a")])
+@pytest.mark.parametrize(
+    ("x", "stamp_ns", "sender"),
+    [
+        (0.0, 20 * S + S // 10, b"a"),  # at its origin again
+        (5.0, 21 * S, b"b"),  # another process
+        (5.0, 5 * S, b"a"),  # another clock
+    ],
+)
 def test_a_robot_without_localisation_is_lost_once_its_odometry_begins_anew(x, stamp_ns, sender):
     robot = Robot(frames={"map": "odom"})
-    robot.drive(2.0)
+    robot.drive(5.0, stamp_ns=20 * S)
     assert robot.place.problem() == ""
-    robot.drive(x, stamp_ns=10 * S + stamp_ns, sender=sender) if stamp_ns > 0 else robot.place.add_odometry(
-        odometry(x, stamp_ns=0), sender
-    )
-    if stamp_ns < 0:
-        robot.place.add_odometry(odometry(x, stamp_ns=-5 * S), sender)
+    robot.place.add_odometry(odometry(x, stamp_ns=stamp_ns), sender)
     assert "its odometry began anew" in robot.place.problem()
     with pytest.raises(TransformError):
-        robot.place.camera_in_building("camera", S)
+        robot.place.camera_in_building("camera", 20 * S)
     robot.place.set_frame(PlanarTransform(1.0, 2.0, 0.0))
     assert robot.place.problem() == ""
-    assert robot.place.base_in_building().x_m == pytest.approx(1.0 + x)
+    assert robot.place.base_in_building().x_m == pytest.approx(6.0)
+
+
+def test_what_was_driven_while_messages_were_missing_is_no_restart():
+    robot = Robot(frames={"map": "odom"})
+    robot.drive(0.0, stamp_ns=20 * S)
+    robot.drive(1.5, stamp_ns=22 * S)
+    assert robot.place.problem() == ""
+    assert robot.place.path_m == pytest.approx(1.5)
 
 
 def test_a_localisation_must_place_it_again_after_a_restart(robot):
