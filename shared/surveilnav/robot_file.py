@@ -53,6 +53,8 @@ class FramesEntry(_Entry):
 class TopicsEntry(_Entry):
     """Topics and actions; a name without a leading slash lies in the robot's namespace. Empty: the robot doesn't have it."""
 
+    tf: _Name = Field("/tf", description="tf2_msgs/TFMessage; `tf` if each robot has its own in its namespace")
+    tf_static: _Name = Field("/tf_static", description="the same of frames that don't move")
     odometry: _Name = Field("odom", description="nav_msgs/Odometry")
     image: _Name = Field(
         "camera/color/image_raw",

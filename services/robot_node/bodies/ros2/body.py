@@ -67,9 +67,9 @@ class Ros2Body:
     def _subscribe(self, session: RosSession) -> None:
         topics, place, camera = self._file.topics, self.place, self._camera
         image = "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/Image"
-        session.subscribe("/tf", "tf2_msgs/msg/TFMessage", lambda m: place.add_transforms(m.data, static=False))
+        session.subscribe(topics.tf, "tf2_msgs/msg/TFMessage", lambda m: place.add_transforms(m.data, static=False))
         session.subscribe(
-            "/tf_static", "tf2_msgs/msg/TFMessage", lambda m: place.add_transforms(m.data, static=True), _STATIC_QOS
+            topics.tf_static, "tf2_msgs/msg/TFMessage", lambda m: place.add_transforms(m.data, static=True), _STATIC_QOS
         )
         session.subscribe(topics.odometry, "nav_msgs/msg/Odometry", self._on_odometry, _SENSOR_QOS)
         if topics.localisation:
