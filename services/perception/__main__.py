@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import threading
 from dataclasses import fields
+from typing import Any
 
 import structlog
 
@@ -21,7 +22,8 @@ from surveilnav.services.perception.service import PerceptionService
 def main() -> None:
     """Runs one perception worker until SIGTERM. Raises PerceptionError if its backend fails the probe."""
     settings, bus = PerceptionSettings(), BusSettings()
-    backend = _backend(settings)
+    networks = {field.name: getattr(settings, field.name) for field in fields(NetworkSettings)}
+    backend = choose_backend(settings.backend, simulated=settings.simulated, seed=settings.seed, **networks)
     structlog.get_logger().info("backend", backend=backend.name, why=backend.why)
     with Node("perception", settings.worker, bus) as node:
         service = PerceptionService(node, backend, settings)
@@ -42,14 +44,13 @@ def main() -> None:
         raise errors[0]
 
 
-def _backend(settings: PerceptionSettings) -> Backend:
-    """The backend that the settings name. Only in a simulated building is the simulator loaded, which has some of its own."""
-    networks = {field.name: getattr(settings, field.name) for field in fields(NetworkSettings)}
-    if settings.simulated or settings.backend in ("oracle", "simulated"):
-        from surveilnav.simulator.truth.choose import choose_backend
+def choose_backend(name: str, *, simulated: bool, seed: int, **networks: Any) -> Backend:
+    """The backend of that name. The simulator, which has some of its own, is loaded only in a simulated building."""
+    if simulated or name in ("oracle", "simulated"):
+        from surveilnav.simulator.truth.choose import choose_backend as choose_any
 
-        return choose_backend(settings.backend, seed=settings.seed, simulated=settings.simulated, **networks)
-    return choose.choose_backend(settings.backend, NetworkSettings(**networks))
+        return choose_any(name, seed=seed, simulated=simulated, **networks)
+    return choose.choose_backend(name, NetworkSettings(**networks))
 
 
 if __name__ == "__main__":

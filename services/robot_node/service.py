@@ -45,9 +45,9 @@ class RobotService:
         with self._commands.acting:
             has_acted, self._commands.has_acted = self._commands.has_acted, False
             self._commands.check_deadline(now_s)
-        observed = self._observe_if_due(now_s, has_acted=has_acted)
-        self._report_if_due(now_s, at_once=observed is not None)
-        if observed is not None:
+        self._report_if_due(now_s, at_once=has_acted)  # before the pictures, which take their time
+        if (observed := self._observe_if_due(now_s, has_acted=has_acted)) is not None:
+            self._report_if_due(now_s, at_once=self._body.description.drive == "waypoints")  # its number is new
             quality = self._settings.jpeg_quality
             self._observations.publish(encode(observed, self._settings.id, quality, stamp_ns=clock_ns()), now_s)
             return True

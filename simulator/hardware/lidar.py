@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from surveilnav.geometry import Grid
@@ -38,7 +37,6 @@ class Lidar:
         return np.where(ranges >= RANGE_M[0], ranges, np.float32(np.inf))
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
 def _scan(
     open_: NDArray[np.bool_], row: float, col: float, first_rad: float, reach: float, rays: int
 ) -> NDArray[np.float64]:

@@ -11,7 +11,6 @@ import math
 from functools import cached_property
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
@@ -149,7 +148,6 @@ class ClearPaths:
         return csr_array(edges, shape=(n, n))
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
 def _straighten(
     room_steps: NDArray[np.bool_], step_of_point: NDArray[np.int64], points: NDArray[np.float64]
 ) -> list[int]:

@@ -10,7 +10,6 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from surveilnav.robot_frame import PlanarTransform
@@ -182,7 +181,6 @@ def _approach(now: float, wanted: float, limit: float, most: float) -> float:
     return wanted if abs(wanted - now) <= most + 1e-9 else now + math.copysign(most, wanted - now)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
 def drive_arc(
     free: NDArray[np.bool_], row: float, col: float, yaw: float, distance: float, turn: float, clearance: float
 ) -> tuple[float, float, float]:

@@ -56,6 +56,7 @@ from surveilnav.services.planner.summaries import Summaries
 from surveilnav.services.recorder.core.bus_message import BusMessage
 from surveilnav.services.recorder.core.foxglove import FoxgloveConverter
 from surveilnav.services.recorder.core.mcap_message import decode_bus_message
+from surveilnav.services.robot_node.bodies.body import ActionBody
 from surveilnav.services.robot_node.config import RobotSettings
 from surveilnav.services.robot_node.service import RobotService
 from tests.fuzz.maps import LENS, RANGE_M, picture, view_message
@@ -281,11 +282,11 @@ class RobotRequests(Target):
         finally:
             if values.random.random() < 0.05:
                 self._camera_service.step()
-            with self._service._acting:
-                self._service._check_deadline(0.0)
+            with self._service._commands.acting:
+                self._service._commands.check_deadline(0.0)
 
 
-class _Body:
+class _Body(ActionBody):
     """A robot that stands still."""
 
     stairs, notes = (), ()
