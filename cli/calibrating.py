@@ -18,6 +18,7 @@ from surveilnav.camera_pose.angles import yaw_pitch_roll
 from surveilnav.camera_pose.estimated_pose import EstimatedPose
 from surveilnav.camera_pose.overlay import draw_overlay
 from surveilnav.cameras_file import CameraEntry, load_cameras
+from surveilnav.cameras_file.uncalibrated import placeholder
 from surveilnav.errors import ConfigError
 from surveilnav.geometry import Matrix4
 from surveilnav.geometry.polygon import pixels_in
@@ -120,7 +121,8 @@ def camera_entry(camera: str, path: Path) -> tuple[CameraEntry, float]:
         hint = ""
         if any("position_m: Field" in p or "yaw_deg: Field" in p for p in problems):
             hint = (
-                "\nUntil it is calibrated, write `position_m: [0, 0, 2.5]` (z above the floor's z_m) and `yaw_deg: 0`."
+                f"\nUntil it is calibrated, write `position_m: {placeholder()['position_m']}` (z above the floor's z_m) and "
+                "`yaw_deg: 0`."
             )
         raise ConfigError("\n".join(f"{path}, {p}" for p in problems) + hint)
     raise ConfigError(f"{path}: there is no camera {camera!r}; there are {', '.join(file.cameras) or 'none'}")
