@@ -8,19 +8,32 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from email.utils import parsedate_to_datetime
 from pathlib import Path
 from typing import TypeVar
 
+import httpx
+
+from surveilnav.cameras_file.passwords import passwords_in
+from surveilnav.cameras_file.urls import with_secrets
 from surveilnav.errors import ConfigError
 from surveilnav.services.camera_node.core.stream_health import FrameStatistics
 from surveilnav.services.camera_node.sources.readers.choose import choose_reader
-from surveilnav.services.camera_node.sources.readers.reader import StreamError
+from surveilnav.services.camera_node.sources.readers.reader import FrameReader, StreamError
+from surveilnav.services.camera_node.sources.readers.rtsp import described
 
 T = TypeVar("T")
 
 #: Opening takes a reader up to 6 s and finding out why it failed 3 s more (services/camera_node/sources/readers).
 DEADLINE_S = 20.0
 _FIRST_S = 10.0
+_CLOCK_S = 3.0
+_FAULTS = {
+    "": "",
+    "black": "its picture is black: is the lens covered, or is there no light?",
+    "grey": "its picture is all grey, as decoders show what they can't decode: restart the camera",
+    "garbled": "much of its picture is flat blocks, as after lost packets: check its network",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,17 +63,41 @@ def look(stream: str, folder: Path, seconds: float) -> Look:
             first = reader.read()
         if first is None:
             return Look(problem=f"no picture has come within {_FIRST_S:.0f} s")
-        began_s, n, hz = time.monotonic(), 0, 0.0
-        while time.monotonic() < began_s + seconds:
-            if reader.read() is not None:
-                n += 1
-                hz = n / max(1e-3, time.monotonic() - began_s)
+        hz = _rate_hz(reader, seconds)
         height, width = first.rgb.shape[:2]
-        return Look((width, height), hz, FrameStatistics.from_picture(first.rgb).fault)
+        return Look((width, height), hz, _FAULTS[FrameStatistics.from_picture(first.rgb).fault])
     except StreamError as error:
         return Look(problem=str(error))
+    except Exception as error:  # of a decoder; its text may hold the address
+        return Look(problem=f"{type(error).__name__} in the decoder")
     finally:
         reader.close()
+
+
+def _rate_hz(reader: FrameReader, seconds: float) -> float:
+    n, began_s = 0, time.monotonic()
+    while (now_s := time.monotonic()) < began_s + seconds:
+        n += reader.read() is not None
+    return n / (now_s - began_s) if seconds else 0.0
+
+
+def clock_offset_s(stream: str, folder: Path) -> float | None:
+    """How far a network camera's clock is ahead, by the date in its answer; None if it isn't asked or doesn't say."""
+    try:
+        address = with_secrets(stream, passwords_in(folder) | dict(os.environ))
+        before_s = time.time()
+        if address.startswith(("rtsp://", "rtsps://")):
+            lines = described(address).split("\r\n")
+            date = next((line.partition(":")[2] for line in lines if line.lower().startswith("date:")), "")
+        elif address.startswith(("http://", "https://")):
+            with httpx.stream("GET", address, timeout=_CLOCK_S, verify=False) as answer:
+                date = answer.headers.get("date", "")
+        else:
+            return None
+        # The answer has whole seconds, which are half a second old in the mean.
+        return parsedate_to_datetime(date.strip()).timestamp() + 0.5 - (before_s + time.time()) / 2
+    except (OSError, ValueError, httpx.HTTPError, httpx.InvalidURL):
+        return None
 
 
 def at_once(

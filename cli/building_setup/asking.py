@@ -61,18 +61,22 @@ def _prompt(info: FieldInfo, default: Any, check: Check | None, hidden: bool) ->
             raise typer.BadParameter(str(error)) from None
         return value
 
-    shown = {True: "yes", False: "no", None: ""}.get(default, str(default)) if default != 0.0 else f"{default:g}"
-    if isinstance(default, bool):
-        shown = "yes" if default else "no"
-    required = info.is_required() and default is None
+    shown = _shown(default)
     return typer.prompt(
         info.title or "",
-        default=None if required else shown,
+        default=None if info.is_required() and default is None else shown,
         show_default=bool(shown) and not hidden,
         value_proc=value_of,
         hide_input=hidden,
         err=True,
     )
+
+
+def _shown(default: Any) -> str:
+    """A default as a person would type it."""
+    if isinstance(default, bool):
+        return "yes" if default else "no"
+    return "" if default is None else f"{default:g}" if isinstance(default, float) else str(default)
 
 
 def _new_name(title: str, expected: str, taken: list[str], default: str = "") -> str:

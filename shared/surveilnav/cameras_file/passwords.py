@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from urllib.parse import quote, unquote
+from urllib.parse import quote, unquote, urlsplit
 
 FILE_NAME = "passwords.env"
 _MAX_BYTES = 1 << 20
@@ -51,7 +51,7 @@ def without_secrets(address: str, camera: str, user: str = "", password: str = "
             raise ValueError("only an address such as rtsp://10.0.0.5/stream1 takes a user and a password")
         return address, {}
     named, at, host = match["authority"].rpartition("@")
-    if not host or (not at and "@" in match["rest"].partition("?")[0]):
+    if not _is_host(host) or (not at and "@" in match["rest"].partition("?")[0]):
         raise ValueError(
             "expected an address such as rtsp://10.0.0.5/stream1; a password with / ? # or @ in it is given on its own"
         )
@@ -64,6 +64,15 @@ def without_secrets(address: str, camera: str, user: str = "", password: str = "
         user += ":" + _variable(secrets, f"{camera}_PASSWORD", password)
     rest = _IN_QUERY.sub(lambda m: f"{m[1]}={_variable(secrets, f'{camera}_QUERY_{m[1]}', m[2])}", match["rest"])
     return f"{match['scheme']}{f'{user}@' if user else ''}{host}{rest}", secrets
+
+
+def _is_host(host: str) -> bool:
+    """Whether it is a name or address, with or without a port."""
+    try:
+        parts = urlsplit(f"//{host}")
+        return bool(parts.hostname) and parts.port != 0
+    except ValueError:
+        return False
 
 
 def _variable(secrets: dict[str, str], name: str, value: str) -> str:

@@ -49,15 +49,8 @@ def diagnose(address: str) -> str:
     host, port = parts.hostname or "", parts.port or _PORTS.get(parts.scheme, 554)
     if not host:
         return "the address names no host: expected rtsp://host/path"
-    path = f"{parts.path}{f'?{parts.query}' if parts.query else ''}"
-    url = f"{parts.scheme}://{host}:{port}{path}"
-    request = f"DESCRIBE {url} RTSP/1.0\r\nCSeq: 1\r\nAccept: application/sdp\r\n\r\n"
     try:
-        with socket.create_connection((host, port), _PROBE_S) as plain:
-            plain.settimeout(_PROBE_S)
-            with _secured(plain, parts.scheme, host) as connection:
-                connection.sendall(request.encode())
-                status = connection.recv(4096).decode("latin-1").split("\r\n", 1)[0]
+        status = described(address).split("\r\n", 1)[0]
     except TimeoutError:
         return f"{host}:{port} doesn't answer: check the address, the network and whether the camera is on"
     except ConnectionRefusedError:
@@ -79,6 +72,21 @@ def diagnose(address: str) -> str:
     if code.startswith("2"):
         return "the camera answers, but its stream can't be decoded; expected H.264, H.265 or MJPEG"
     return f"the camera answers with RTSP status {code}"
+
+
+def described(address: str) -> str:
+    """The first lines of what the server answers to DESCRIBE, without a user. Raises OSError if it can't be asked."""
+    parts = urlsplit(address)
+    host, port = parts.hostname or "", parts.port or _PORTS.get(parts.scheme, 554)
+    path = f"{parts.path}{f'?{parts.query}' if parts.query else ''}"
+    request = (
+        f"DESCRIBE {parts.scheme}://{host}:{port}{path} RTSP/1.0\r\nCSeq: 1\r\nAccept: application/sdp\r\n\r\n"
+    )
+    with socket.create_connection((host, port), _PROBE_S) as plain:
+        plain.settimeout(_PROBE_S)
+        with _secured(plain, parts.scheme, host) as connection:
+            connection.sendall(request.encode())
+            return connection.recv(4096).decode("latin-1")
 
 
 def _secured(plain: socket.socket, scheme: str, host: str) -> socket.socket:
