@@ -1,4 +1,4 @@
-"""Settings of the simulated ROS 2 robot: environment variables ``SURVEILNAV_ROBOT_HARDWARE__<FIELD>``."""
+"""Settings of simulated hardware: ``SURVEILNAV_ROBOT_HARDWARE__<FIELD>`` and ``SURVEILNAV_CAMERA_HARDWARE__<FIELD>``."""
 
 from __future__ import annotations
 
@@ -14,6 +14,16 @@ from surveilnav.robot_frame import PlanarTransform
 from surveilnav.simulator.hardware.faults import FaultName
 from surveilnav.simulator.world.continuous_robot import MotionLimits
 from surveilnav.simulator.world.localisation import LocalisationSettings
+
+
+class CameraHardwareSettings(BaseSettings):
+    """All cameras of a simulated building. Their building is that of ``SURVEILNAV_SIM__...``."""
+
+    model_config = SettingsConfigDict(env_prefix="SURVEILNAV_CAMERA_HARDWARE__", extra="ignore")
+
+    host: str = Field("127.0.0.1", description="address at which they listen")
+    port: int = Field(8554, ge=1, le=65535, description="... and port; each camera has a path, its name")
+    fps: float = Field(2.0, gt=0, le=30, description="pictures a second of each")
 
 
 class RobotHardwareSettings(BaseSettings):
