@@ -84,4 +84,3 @@ def _building(name: str, progress: Progress | None) -> Finding:
     if reach.sentence:
         return Finding("building", "note", f"{name}: {reach.sentence}")
     return Finding("building", "ok", f"{name}: robots reach all of {reach.reached_m2:.0f} m²")
-

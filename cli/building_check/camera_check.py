@@ -32,7 +32,9 @@ def check_stream(entry: CameraEntry, cameras: CamerasFile, seconds: float) -> Fi
     size_px = entry.lens.width_px, entry.lens.height_px
     if seen.size_px != size_px:
         told = "its pictures have {}x{} pixels, but its lens is given for {}x{}".format(*seen.size_px, *size_px)
-        return Finding(what, "problem", told, "set the stream to that size, or correct width_px and height_px of its lens")
+        return Finding(
+            what, "problem", told, "set the stream to that size, or correct width_px and height_px of its lens"
+        )
     if seen.problem:
         return Finding(what, "problem", seen.problem)
     rate = f", {seen.hz:.1f} pictures a second" if seen.hz else ""

@@ -76,7 +76,9 @@ def _check_camera(name: str, files: Files, extents: dict[str, Extent]) -> list[F
     return [stream, *_local(f"camera {name}", entry.stream), check_place(entry, files, extents.get(entry.floor))]
 
 
-def _check_robot(name: str, robot: RobotFile, files: Files, extents: dict[str, Extent], seconds: float) -> list[Finding]:
+def _check_robot(
+    name: str, robot: RobotFile, files: Files, extents: dict[str, Extent], seconds: float
+) -> list[Finding]:
     where = files.shown(files.building.robots[name])
     findings = _local(f"robot {name}", robot.router)
     floors = files.cameras.floors if files.cameras else {}

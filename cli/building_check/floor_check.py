@@ -27,9 +27,7 @@ class Extent:
     y1: float
 
     def holds(self, x: float, y: float) -> bool:
-        return (
-            self.x0 - _MARGIN_M <= x <= self.x1 + _MARGIN_M and self.y0 - _MARGIN_M <= y <= self.y1 + _MARGIN_M
-        )
+        return self.x0 - _MARGIN_M <= x <= self.x1 + _MARGIN_M and self.y0 - _MARGIN_M <= y <= self.y1 + _MARGIN_M
 
     def __str__(self) -> str:
         return f"x {self.x0:.1f} to {self.x1:.1f} m, y {self.y0:.1f} to {self.y1:.1f} m"
@@ -56,7 +54,9 @@ def _check_plan(files: Files, name: str, floor: BuildingFloor, extents: dict[str
         if not floor.plan.is_file():
             return Finding(what, "problem", f"there is no file {shown}", "lay it there, or correct its name")
         told = f"{shown} doesn't say its scale"
-        return Finding(what, "note", told, "name a map.yaml, on which cameras can be calibrated (docs/use/calibration.md)")
+        return Finding(
+            what, "note", told, "name a map.yaml, on which cameras can be calibrated (docs/use/calibration.md)"
+        )
     try:
         plan = load_floor_plan(floor.plan)
     except ConfigError as error:

@@ -44,7 +44,9 @@ def _nodes(nodes: list[NodeTraffic]) -> list[Finding]:
         if node.other_release:
             told = f"it runs release {node.release or 'unknown'}, the gateway another one"
             found.append(Finding(what, "note", told, "docker compose up --wait"))
-        found += [Finding(what, "problem", f"{name}: {why}", f"{_LOGS} {node.kind}") for name, why in node.problems.items()]
+        found += [
+            Finding(what, "problem", f"{name}: {why}", f"{_LOGS} {node.kind}") for name, why in node.problems.items()
+        ]
     return found
 
 
@@ -55,7 +57,9 @@ def _cameras(files: Files, running: list[Camera]) -> list[Finding]:
         what = f"camera {name}, running"
         camera = by_id.get(name)
         if camera is None:
-            remedy = "start as many camera containers as the file has cameras (deploy.replicas in compose.override.yaml)"
+            remedy = (
+                "start as many camera containers as the file has cameras (deploy.replicas in compose.override.yaml)"
+            )
             found.append(Finding(what, "problem", "no process runs it", remedy))
         elif camera.paused:
             found.append(Finding(what, "note", "it is paused", f"surveilnav cameras resume {name}"))

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any
 
 import yaml
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, TypeAdapter, ValidationError
@@ -63,7 +63,9 @@ class _Answers(BaseModel):
 class FloorAnswers(_Answers):
     """One floor."""
 
-    z_m: Finite = Field(0.0, title="Altitude of its surface [m]", description="a number; one floor of the building has 0")
+    z_m: Finite = Field(
+        0.0, title="Altitude of its surface [m]", description="a number; one floor of the building has 0"
+    )
     plan: Path | None = Field(
         None,
         title="Floor plan (Enter: none)",
@@ -137,9 +139,7 @@ class RobotAnswers(_Answers):
     )
     nav2: bool = Field(True, title="Does it drive by Nav2", description="yes; or no, if it only follows velocities")
     floor: Id = Field(title="Its floor", description="one of the floors above")
-    on_nav2_map: bool = Field(
-        False, title="Does it localise itself on this floor's Nav2 map", description="yes or no"
-    )
+    on_nav2_map: bool = Field(False, title="Does it localise itself on this floor's Nav2 map", description="yes or no")
 
 
 class Answers(_Answers):
@@ -153,16 +153,13 @@ class Answers(_Answers):
     robots: dict[Id, RobotAnswers] = {}
 
 
-_Model = TypeVar("_Model", bound=_Answers)
-
-
 def parsed(field: FieldInfo, value: Any) -> Any:
     """The answer to one question, as its model has it.
 
     Raises:
         ValueError: it isn't what is expected; the message says what is, and has nothing of the value.
     """
-    annotation = Annotated[(field.annotation, *field.metadata)] if field.metadata else field.annotation
+    annotation: Any = Annotated[(field.annotation, *field.metadata)] if field.metadata else field.annotation
     try:
         return TypeAdapter(annotation, config=ConfigDict(coerce_numbers_to_str=True)).validate_python(value)
     except ValidationError:
@@ -192,7 +189,7 @@ def load_answers(path: Path) -> Answers:
 
 def _expected(where: list[int | str]) -> str:
     """What the question at a place in the file expects; empty: there is no such question."""
-    models = {"floors": FloorAnswers, "cameras": CameraAnswers, "robots": RobotAnswers}
+    models: dict[str, type[_Answers]] = {"floors": FloorAnswers, "cameras": CameraAnswers, "robots": RobotAnswers}
     model = models.get(str(where[0])) if len(where) > 2 else Answers if len(where) == 1 else None
     field = model.model_fields.get(str(where[2 if len(where) > 2 else 0])) if model else None
     return f"expected {field.description}" if field and field.description else ""

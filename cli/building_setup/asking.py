@@ -12,16 +12,20 @@ from pydantic.fields import FieldInfo
 
 from surveilnav.cli.building_setup.answers import Answers, CameraAnswers, FloorAnswers, RobotAnswers, parsed
 from surveilnav.cli.building_setup.plans import check_plan, has_scale
+from surveilnav.cli.building_setup.texts import stream_of
 from surveilnav.cli.options import console
 from surveilnav.errors import ConfigError
-from surveilnav.robot_file import FrameEntry
 from surveilnav.robot_frame.nav2_map import load_nav2_map
 
-Check = Callable[[Any], None]
+#: Raises ConfigError or ValueError if an answer doesn't fit the others.
+Check = Callable[[Any], object]
 
 
-def ask_all() -> Answers:
+def ask_all(folder: Path) -> Answers:
     """Asks for everything.
+
+    Args:
+        folder: the building's, where streams that are no addresses lie.
 
     Raises:
         typer.Abort: the person pressed Ctrl-C.
@@ -30,7 +34,9 @@ def ask_all() -> Answers:
     try:
         building = _ask(Answers, "building")
         floors = _ask_floors()
-        return Answers(building=building, floors=floors, cameras=_ask_cameras(floors), robots=_ask_robots(floors))
+        return Answers(
+            building=building, floors=floors, cameras=_ask_cameras(floors, folder), robots=_ask_robots(floors)
+        )
     except typer.Abort as aborted:
         if isinstance(aborted.__context__, EOFError):
             raise ConfigError("the input ended before all was asked. In a script, use --answers FILE") from None
@@ -41,8 +47,10 @@ def _heading(text: str) -> None:
     console.print(f"\n[bold]{text}[/]", soft_wrap=True)
 
 
-def _ask(model: type[BaseModel], field: str, default: Any = None, check: Check | None = None, hidden: bool = False) -> Any:
-    """The answer to the question of a field. ``check`` raises ConfigError or ValueError if it doesn't fit the others."""
+def _ask(
+    model: type[BaseModel], field: str, default: Any = None, check: Check | None = None, hidden: bool = False
+) -> Any:
+    """The answer to the question of a field."""
     info = model.model_fields[field]
     if default is None and not info.is_required():
         default = info.default
@@ -100,11 +108,16 @@ def _new_name(title: str, expected: str, taken: list[str], default: str = "") ->
 
 def _ask_floors() -> dict[str, FloorAnswers]:
     _heading("Floors")
-    console.print("All places are in the building's frame: x and y in metres on the floor plan, z upwards.", soft_wrap=True)
+    console.print(
+        "All places are in the building's frame: x and y in metres on the floor plan, z upwards.", soft_wrap=True
+    )
     floors: dict[str, FloorAnswers] = {}
     expected = "letters, digits, '_', '.', '-', such as ground or 1"
     while name := _new_name(
-        "Another floor's id (Enter: no more)" if floors else "Floor's id", expected, list(floors), "" if floors else "ground"
+        "Another floor's id (Enter: no more)" if floors else "Floor's id",
+        expected,
+        list(floors),
+        "" if floors else "ground",
     ):
         floors[name] = _ask_floor()
     return floors
@@ -115,7 +128,7 @@ def _ask_floor() -> FloorAnswers:
     answers["plan"] = plan = _ask(FloorAnswers, "plan", check=check_plan)
     if plan and not has_scale(plan):
         answers["plan_width_m"] = _required(FloorAnswers, "plan_width_m")
-    answers["nav2_map"] = nav2_map = _ask(FloorAnswers, "nav2_map", check=lambda path: load_nav2_map(path) and None)
+    answers["nav2_map"] = nav2_map = _ask(FloorAnswers, "nav2_map", check=load_nav2_map)
     if nav2_map:
         same = plan is None or plan.resolve() == nav2_map.resolve()
         answers["plan"] = plan or nav2_map
@@ -149,28 +162,28 @@ def _floor_of(model: type[BaseModel], floors: dict[str, FloorAnswers]) -> str:
     return str(_ask(model, "floor", next(iter(floors)), known))
 
 
-def _ask_cameras(floors: dict[str, FloorAnswers]) -> list[CameraAnswers]:
+def _ask_cameras(floors: dict[str, FloorAnswers], folder: Path) -> list[CameraAnswers]:
     _heading("Cameras")
     cameras: list[CameraAnswers] = []
     field = CameraAnswers.model_fields["name"]
     while name := _new_name(field.title or "", field.description or "", [camera.name for camera in cameras]):
-        cameras.append(_ask_camera(name, floors))
+        cameras.append(_ask_camera(name, floors, folder))
     return cameras
 
 
-def _ask_camera(name: str, floors: dict[str, FloorAnswers]) -> CameraAnswers:
-    from surveilnav.cli.building_setup.texts import stream_of
-
-    def readable(**answers: Any) -> CameraAnswers:
-        camera = CameraAnswers(name=name, floor=floor, **answers)
-        stream_of(camera)
-        return camera
-
+def _ask_camera(name: str, floors: dict[str, FloorAnswers], folder: Path) -> CameraAnswers:
     floor = _floor_of(CameraAnswers, floors)
-    answers: dict[str, Any] = {"stream": _ask(CameraAnswers, "stream", check=lambda stream: readable(stream=stream) and None)}
-    if "://" in answers["stream"] and "@" not in answers["stream"]:
-        if user := _ask(CameraAnswers, "user"):
-            answers |= {"user": user, "password": _ask(CameraAnswers, "password", hidden=True)}
+
+    def check_stream(stream: str) -> None:
+        stream_of(CameraAnswers(name=name, floor=floor, stream=stream))
+        if "://" not in stream and not stream.startswith(("usb:", "/dev/video")) and not (folder / stream).exists():
+            raise ValueError(
+                f"there is no {folder / stream}; expected {CameraAnswers.model_fields['stream'].description}"
+            )
+
+    answers: dict[str, Any] = {"stream": _ask(CameraAnswers, "stream", check=check_stream)}
+    if "://" in answers["stream"] and "@" not in answers["stream"] and (user := _ask(CameraAnswers, "user")):
+        answers |= {"user": user, "password": _ask(CameraAnswers, "password", hidden=True)}
     answers["picture_px"] = _ask(CameraAnswers, "picture_px")
     answers["fisheye"] = fisheye = _ask(CameraAnswers, "fisheye")
     answers["hfov_deg"] = _ask(CameraAnswers, "hfov_deg", check=lambda hfov_deg: _check_hfov(hfov_deg, fisheye))

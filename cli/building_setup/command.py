@@ -42,7 +42,7 @@ def init(
 
     if not force:  # before anybody answers for nothing
         refuse_existing([folder / name for name in (BUILDING, CAMERAS, FILE_NAME, OVERRIDE)])
-    given = load_answers(answers) if answers else ask_all()
+    given = load_answers(answers) if answers else ask_all(folder)
     base = answers.parent if answers else Path()
     floors = {name: files_of_floor(name, floor, base, folder) for name, floor in given.floors.items()}
     texts_of(given, floors, {}, folder)  # a mistake is told before anybody waits for streams

@@ -104,7 +104,8 @@ def _with_scale(name: str, picture: Path, width_m: float | None, folder: Path, w
     width_px = _width_px(picture)
     if width_m is None:
         raise ConfigError(
-            f"floor {name}: plan_width_m is missing: how many metres wide is what {picture} shows, from its left to its right edge?"
+            f"floor {name}: plan_width_m is missing: how many metres wide is what {picture} shows, from its left to its right "
+            "edge?"
         )
     if here := _inside(picture, folder):
         image = os.path.relpath(here, "plans")

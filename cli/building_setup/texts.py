@@ -147,11 +147,14 @@ def _camera(camera: CameraAnswers, floor_z_m: float, size_px: tuple[int, int], s
 
 
 def stream_of(camera: CameraAnswers) -> tuple[str, dict[str, str]]:
-    """A camera's stream for the file, and the values of its variables. ConfigError: it can't be read as an address."""
+    """A camera's stream for the file, and the values of its variables. ConfigError: nothing can read such an address."""
+    scheme = camera.stream.split("://", 1)[0].lower() if "://" in camera.stream else ""
     try:
+        if scheme not in ("", "rtsp", "rtsps", "http", "https"):
+            raise ValueError(f"expected {CameraAnswers.model_fields['stream'].description}")
         return without_secrets(camera.stream, camera.name, camera.user, camera.password)
     except ValueError as error:
-        raise ConfigError(f"camera {camera.name}: stream: {error}") from None
+        raise ConfigError(f"camera {camera.name}, stream: {error}") from None
 
 
 def _robot(answers: Answers, name: str, robot: RobotAnswers, floors: Mapping[str, FloorFiles]) -> str:

@@ -79,9 +79,7 @@ def described(address: str) -> str:
     parts = urlsplit(address)
     host, port = parts.hostname or "", parts.port or _PORTS.get(parts.scheme, 554)
     path = f"{parts.path}{f'?{parts.query}' if parts.query else ''}"
-    request = (
-        f"DESCRIBE {parts.scheme}://{host}:{port}{path} RTSP/1.0\r\nCSeq: 1\r\nAccept: application/sdp\r\n\r\n"
-    )
+    request = f"DESCRIBE {parts.scheme}://{host}:{port}{path} RTSP/1.0\r\nCSeq: 1\r\nAccept: application/sdp\r\n\r\n"
     with socket.create_connection((host, port), _PROBE_S) as plain:
         plain.settimeout(_PROBE_S)
         with _secured(plain, parts.scheme, host) as connection:
