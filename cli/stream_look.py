@@ -1,9 +1,17 @@
-"""Looks at the streams of cameras, all at once and none for longer than its deadline."""
+"""Looks at the streams of cameras, all at once and none for longer than its deadline.
+
+Each is opened in a process of its own (``python -m surveilnav.cli.stream_look``): OpenCV opens one stream after the other, so
+that eight cameras that are off would take a minute, and a decoder that hangs can't be ended otherwise.
+"""
 
 from __future__ import annotations
 
+import json
+import math
 import os
 import queue
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable, Mapping
@@ -20,12 +28,15 @@ from surveilnav.errors import ConfigError
 from surveilnav.services.camera_node.core.stream_health import FrameStatistics
 from surveilnav.services.camera_node.sources.readers.choose import choose_reader
 from surveilnav.services.camera_node.sources.readers.reader import FrameReader, StreamError
-from surveilnav.services.camera_node.sources.readers.rtsp import described
+from surveilnav.services.camera_node.sources.readers.rtsp import ask
 
 T = TypeVar("T")
 
 #: Opening takes a reader up to 6 s and finding out why it failed 3 s more (services/camera_node/sources/readers).
-DEADLINE_S = 20.0
+LOOK_S = 20.0
+#: So many streams are decoded at once.
+_AT_ONCE = 8
+_PROCESSES = threading.BoundedSemaphore(_AT_ONCE)
 _FIRST_S = 10.0
 _CLOCK_S = 3.0
 _FAULTS = {
@@ -52,6 +63,41 @@ class Look:
 
 def look(stream: str, folder: Path, seconds: float) -> Look:
     """Opens a stream as cameras.yaml names it, waits for a picture, and counts those of ``seconds`` more."""
+    if problem := _unreachable(stream, folder):
+        return Look(problem=problem)  # without a process, and sooner
+    asked = json.dumps({"stream": stream, "folder": str(folder), "seconds": seconds})  # by a pipe: others see arguments
+    command = [sys.executable, "-m", "surveilnav.cli.stream_look"]
+    try:
+        with _PROCESSES:
+            done = subprocess.run(command, input=asked, capture_output=True, text=True, timeout=LOOK_S, check=False)
+        told = json.loads(done.stdout.splitlines()[-1])
+        return Look((told["width_px"], told["height_px"]), told["hz"], told["problem"])
+    except subprocess.TimeoutExpired:
+        return Look(problem=f"no picture has come within {LOOK_S:.0f} s")
+    except (IndexError, ValueError):
+        return Look(problem="the decoder crashed")
+
+
+def deadline_s(n_streams: int) -> float:
+    """After so long all of ``n_streams`` have been looked at, or never will be."""
+    return 10.0 + LOOK_S * max(1, math.ceil(n_streams / _AT_ONCE))
+
+
+def _unreachable(stream: str, folder: Path) -> str:
+    """Why an RTSP server doesn't answer, or why the address can't be used; empty: it does, or it is another stream."""
+    try:
+        address = _address(stream, folder)
+    except ValueError as error:
+        return str(error)
+    return ask(address)[1] if address.lower().startswith(("rtsp://", "rtsps://")) else ""
+
+
+def _address(stream: str, folder: Path) -> str:
+    return with_secrets(stream, passwords_in(folder) | dict(os.environ))
+
+
+def look_here(stream: str, folder: Path, seconds: float) -> Look:
+    """The same in this process."""
     try:
         reader = choose_reader(stream, folder, os.environ, (0, 0), 0.0)
     except ConfigError as error:
@@ -84,10 +130,10 @@ def _rate_hz(reader: FrameReader, seconds: float) -> float:
 def clock_offset_s(stream: str, folder: Path) -> float | None:
     """How far a network camera's clock is ahead, by the date in its answer; None if it isn't asked or doesn't say."""
     try:
-        address = with_secrets(stream, passwords_in(folder) | dict(os.environ))
+        address = _address(stream, folder)
         before_s = time.time()
         if address.startswith(("rtsp://", "rtsps://")):
-            lines = described(address).split("\r\n")
+            lines = ask(address)[0].split("\r\n")
             date = next((line.partition(":")[2] for line in lines if line.lower().startswith("date:")), "")
         elif address.startswith(("http://", "https://")):
             with httpx.stream("GET", address, timeout=_CLOCK_S, verify=False) as answer:
@@ -133,3 +179,15 @@ def at_once(
         results[name] = result
         on_done(name)
     return {name: results[name] if name in results else late(name) for name in tasks}
+
+
+def main() -> None:
+    """Looks at the stream that standard input names, and prints what was seen."""
+    asked = json.load(sys.stdin)
+    seen = look_here(asked["stream"], Path(asked["folder"]), asked["seconds"])
+    width_px, height_px = seen.size_px
+    print(json.dumps({"width_px": width_px, "height_px": height_px, "hz": seen.hz, "problem": seen.problem}))
+
+
+if __name__ == "__main__":
+    main()

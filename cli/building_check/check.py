@@ -14,7 +14,7 @@ from surveilnav.cli.building_check.system_check import check_system
 from surveilnav.cli.finding import Finding
 from surveilnav.cli.perception_check import check_weights
 from surveilnav.cli.robot_check import check_robot
-from surveilnav.cli.stream_look import DEADLINE_S, at_once
+from surveilnav.cli.stream_look import at_once, deadline_s
 from surveilnav.errors import ConfigError
 from surveilnav.robot_file import RobotFile
 
@@ -38,7 +38,7 @@ def examine_building(
     except ConfigError as error:
         return [Finding(str(path), "problem", str(error), "surveilnav init writes one")]
     extents, of_floors = check_floors(files)
-    deadline_s = DEADLINE_S + seconds
+    wait_s = seconds + deadline_s(len(files.cameras.cameras) if files.cameras else 0)
     tasks = _tasks(files, extents, seconds, url)
     done: list[str] = []
 
@@ -46,12 +46,12 @@ def examine_building(
         done.append(name)
         progress(len(done), len(tasks), name)
 
-    found = at_once(tasks, deadline_s, lambda name: _late(name, deadline_s), on_done)
+    found = at_once(tasks, wait_s, lambda name: _late(name, wait_s), on_done)
     return [*findings, *of_floors, *(finding for part in found.values() for finding in part)]
 
 
-def _late(name: str, deadline_s: float) -> list[Finding]:
-    return [Finding(name, "problem", f"nothing came within {deadline_s:.0f} s", "check its address and the network")]
+def _late(name: str, wait_s: float) -> list[Finding]:
+    return [Finding(name, "problem", f"nothing came within {wait_s:.0f} s", "check its address and the network")]
 
 
 def _tasks(

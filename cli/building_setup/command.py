@@ -68,7 +68,7 @@ def _sizes_px(answers: Answers, folder: Path) -> dict[str, tuple[int, int]]:
     from surveilnav.cameras_file.urls import with_secrets
     from surveilnav.cli.building_setup.texts import DEFAULT_PX, stream_of
     from surveilnav.cli.progress import counting
-    from surveilnav.cli.stream_look import DEADLINE_S, Look, at_once, look
+    from surveilnav.cli.stream_look import Look, at_once, deadline_s, look
 
     asked = {c.name: stream_of(c) for c in answers.cameras if c.picture_px is None}
     if not asked:
@@ -83,7 +83,7 @@ def _sizes_px(answers: Answers, folder: Path) -> dict[str, tuple[int, int]]:
             done.append(name)
             progress(len(done), len(tasks), name)
 
-        looks = at_once(tasks, DEADLINE_S, lambda _: Look(problem="it doesn't answer"), on_done)
+        looks = at_once(tasks, deadline_s(len(tasks)), lambda _: Look(problem="it doesn't answer"), on_done)
     for name, seen in looks.items():
         if seen.size_px == (0, 0):
             width, height = DEFAULT_PX
