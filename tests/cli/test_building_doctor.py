@@ -135,9 +135,8 @@ def test_a_camera_with_a_mistake_is_named_and_the_others_are_looked_at(folder: P
     write(folder, {"stream": f"{address}/room.mp4"}, {"name": "bad", "stream": "usb:0", "floor": "x"})
     status, found = examined(folder)
     assert status == 1
-    assert list(problems(found).values()) == ["line 20: camera bad: floor: there is no floor 'x'; there are 0"] or any(
-        "camera bad: floor" in detail for detail in problems(found).values()
-    )
+    (told,) = problems(found).values()
+    assert told.endswith("camera bad: floor: there is no floor 'x'; there are 0")
     assert found["camera lobby, stream"]["level"] == "ok"
 
 
@@ -240,7 +239,7 @@ def test_nothing_that_is_silent_holds_up_the_rest(
         status, found = examined(folder, "--url", f"http://127.0.0.1:{port}")
     assert status == 1
     told = problems(found)
-    assert sum("doesn't answer" in t or "nothing came" in t or "TimeoutError" in t for t in told.values()) >= 9, told
+    assert sum("doesn't answer" in detail for detail in told.values()) == 8, told
     assert found["camera lobby, stream"]["level"] == "ok"
     assert any(what.startswith("robot r1") for what in told)
 
