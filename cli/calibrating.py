@@ -73,6 +73,12 @@ def yaml_of_pose(T_world_camera: Matrix4) -> dict[str, str]:
     }
 
 
+def command_for(camera: str, plan: Path | None, cameras_file: Path, fit_hfov: bool = False) -> str:
+    """What a person types to calibrate a camera. ``plan``: its floor's; None: there is none, so that points are given in metres."""
+    points = f"--plan {plan}" if plan else f"--clicks {camera}.clicks.yaml --write"
+    return f"surveilnav cameras calibrate {camera} {points}{' --fit-hfov' if fit_hfov else ''} --file {cameras_file}"
+
+
 def calibrate(camera: str, clicks: Clicks, source: Path, cameras_file: Path, fit_hfov: bool) -> Calibrated:
     """Solves for the pose of a camera of a file.
 

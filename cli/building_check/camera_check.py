@@ -13,6 +13,7 @@ from surveilnav.cameras_file.urls import shown
 from surveilnav.cameras_file.views import views_of
 from surveilnav.cli.building_check.files import Files
 from surveilnav.cli.building_check.floor_check import Extent
+from surveilnav.cli.calibrating import command_for
 from surveilnav.cli.finding import Finding
 from surveilnav.cli.stream_look import clock_offset_s, look
 
@@ -81,9 +82,8 @@ def check_place(entry: CameraEntry, files: Files, extent: Extent | None) -> Find
 
 def _calibrate(entry: CameraEntry, files: Files) -> str:
     floor = files.building.floors.get(entry.floor)
-    plan = files.shown(floor.plan) if floor and floor.plan else "map.yaml"
-    file = files.shown(files.building.cameras)
-    return f"surveilnav cameras calibrate {entry.name} --plan {plan} --file {file}"
+    plan = files.shown(floor.plan) if floor and floor.plan else None
+    return command_for(entry.name, plan, files.shown(files.building.cameras))
 
 
 def _sees_floor(entry: CameraEntry) -> bool:

@@ -22,7 +22,8 @@ def check_system(files: Files, url: str) -> list[Finding]:
             nodes, cameras, robots = asked.traffic().nodes, asked.cameras(), asked.robots()
     except GatewayError as error:
         if error.name == "no_gateway":
-            start = "docker compose -f compose.building.yaml -f compose.override.yaml up --wait"
+            override = files.path.parent / "compose.override.yaml"
+            start = f"docker compose -f compose.building.yaml -f {override} up --wait"
             return [Finding("running system", "note", f"none answers at {url}", start)]
         return [Finding("running system", "problem", str(error), "put a key into SURVEILNAV_API_KEY")]
     findings = [*_nodes(nodes), *_cameras(files, cameras), *_robots(files, robots)]

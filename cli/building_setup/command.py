@@ -95,14 +95,15 @@ def _sizes_px(answers: Answers, folder: Path) -> dict[str, tuple[int, int]]:
 def _next_commands(answers: Answers, floors: dict[str, FloorFiles], folder: Path) -> list[str]:
     """What to type now, in order."""
     from surveilnav.cli.building_setup.texts import BUILDING, CAMERAS, OVERRIDE
+    from surveilnav.cli.calibrating import command_for
 
     unknown = [camera for camera in answers.cameras if camera.position_m is None]
     commands = [f"surveilnav doctor --building {folder / BUILDING}"]
     for camera in unknown[:_LISTED]:
         plan = floors[camera.floor].plan
-        points = f"--plan {folder / plan}" if plan else f"--clicks {camera.name}.clicks.yaml --write"
-        fit = "" if camera.hfov_deg else " --fit-hfov"
-        commands.append(f"surveilnav cameras calibrate {camera.name} {points}{fit} --file {folder / CAMERAS}")
+        commands.append(
+            command_for(camera.name, folder / plan if plan else None, folder / CAMERAS, camera.hfov_deg is None)
+        )
     if len(unknown) > _LISTED:
         commands.append(f"...   # and so for {', '.join(camera.name for camera in unknown[_LISTED:])}")
     for name, robot in answers.robots.items():

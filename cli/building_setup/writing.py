@@ -35,6 +35,7 @@ def write_all(folder: Path, files: Mapping[str, NewFile]) -> None:
         files: by their paths relative to the folder.
 
     Raises:
+        ConfigError: there is a file in place of a folder.
         OSError: the folder or a file can't be written.
     """
     made: list[Path] = []
@@ -61,6 +62,8 @@ def write_all(folder: Path, files: Mapping[str, NewFile]) -> None:
 
 
 def _make_folder(folder: Path, made: list[Path]) -> None:
+    if file := next((f for f in (folder, *folder.parents) if f.is_file()), None):
+        raise ConfigError(f"{file} is a file; expected a folder")
     missing = [f for f in (folder, *folder.parents) if not f.exists()]
     for path in reversed(missing):
         path.mkdir()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 import socket
 import threading
 from collections.abc import Iterator
@@ -19,11 +18,9 @@ import yaml
 from typer.testing import CliRunner
 
 import surveilnav.cli.building_check.check as check
-from surveilnav.bus.router import open_router
-from surveilnav.bus.router import free_port
+from surveilnav.bus.router import free_port, open_router
 from surveilnav.cli.main import app
 from surveilnav.cli.stream_look import at_once, clock_offset_s
-from surveilnav.messages import RobotStatus
 from tests import streams
 from tests.robot_hardware import write_robot_file
 
@@ -227,9 +224,7 @@ def silent_server() -> Iterator[int]:
 
 
 @pytest.mark.timeout(90)
-def test_nothing_that_is_silent_holds_up_the_rest(
-    folder: Path, address: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_nothing_that_is_silent_holds_up_the_rest(folder: Path, address: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Cameras, a robot's router and a gateway that take connections and never answer."""
     monkeypatch.setattr(check, "deadline_s", lambda n_streams: 30.0)
     with silent_server() as port:

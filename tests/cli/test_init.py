@@ -34,7 +34,13 @@ ANSWERS: dict[str, Any] = {
         "1": {"z_m": 3.5, "nav2_map": "map/first.yaml", "plan": "map/first.yaml"},
     },
     "cameras": [
-        {"name": "lobby", "floor": "ground", "stream": "rtsp://10.0.0.5/1", "user": "view er", "password": "p@ss:/w%rd$"},
+        {
+            "name": "lobby",
+            "floor": "ground",
+            "stream": "rtsp://10.0.0.5/1",
+            "user": "view er",
+            "password": "p@ss:/w%rd$",
+        },
         {
             "name": "hall",
             "label": "Halle, Süd",
@@ -207,7 +213,10 @@ def test_an_interruption_leaves_nothing_half_written(
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        ({"cameras": [{"name": "a", "floor": "x", "stream": "usb:0"}]}, "camera a: there is no floor 'x'; there are ground, 1"),
+        (
+            {"cameras": [{"name": "a", "floor": "x", "stream": "usb:0"}]},
+            "camera a: there is no floor 'x'; there are ground, 1",
+        ),
         ({"robots": {"r1": {"router": "a b", "floor": "1"}}}, "robots.r1.router: expected such as 10.0.0.7"),
         ({"robots": {"r1": {"floor": "1"}}}, "robots.r1.router: it is missing"),
         ({"floors": {"g": {"z_m": "high"}}}, r"line \d+: floors.g.z_m: expected a number"),

@@ -44,7 +44,10 @@ def written(folder: Path, n_cameras: int, robots: tuple[str, ...] = ()) -> Path:
 
 def composed(*files: str | Path, **environment: str) -> dict[str, Any]:
     """The services as Compose reads them."""
-    if shutil.which("docker") is None or subprocess.run(["docker", "compose", "version"], capture_output=True).returncode:
+    if (
+        shutil.which("docker") is None
+        or subprocess.run(["docker", "compose", "version"], capture_output=True).returncode
+    ):
         pytest.skip("no Docker Compose here")
     words = [word for file in files for word in ("--file", str(file))]
     done = subprocess.run(
@@ -62,7 +65,7 @@ def mounted(service: dict[str, Any]) -> str:
     return str(mount["source"]).replace("$$", "$")  # as `config` prints a dollar
 
 
-@pytest.mark.parametrize("name", ["hq", "head quarters: nord", "50 $ & \"more\""])
+@pytest.mark.parametrize("name", ["hq", "head quarters: nord", '50 $ & "more"'])
 def test_compose_starts_the_cameras_and_robots_of_the_answers(tmp_path: Path, name: str) -> None:
     folder = written(tmp_path / name, 3, ("r1", "r-2"))
     read = composed("compose.building.yaml", folder / "compose.override.yaml")
@@ -113,7 +116,10 @@ def test_nothing_simulated_is_started() -> None:
     assert {s["image"] for s in services.values()} == {"surveilnav"}
     assert services["perception"]["environment"]["SURVEILNAV_PERCEPTION__SIMULATED"] == "false"
     assert "prepare" not in services
-    for name, settings, file in (("camera", CameraSettings, "cameras.yaml"), ("robot", RobotSettings, "robots/r1.yaml")):
+    for name, settings, file in (
+        ("camera", CameraSettings, "cameras.yaml"),
+        ("robot", RobotSettings, "robots/r1.yaml"),
+    ):
         assert "file" in settings.model_fields
         assert services[name]["environment"][f"SURVEILNAV_{name.upper()}__FILE"] == f"/etc/surveilnav/{file}"
 

@@ -23,8 +23,8 @@ from surveilnav.ros2.names import Attachment, Entity, EntityKind, Qos, data_key,
 _CDR = zenoh.Encoding.APPLICATION_CDR
 #: In place of a type's hash: whatever it is.
 _ANY = "*"
-#: Where in Zenoh's own code an error arose.
-_RUST_PLACE = re.compile(r"\s*at \S+\.rs:\d+\.?")
+#: Of an error of Zenoh's: that it couldn't connect, which we say ourselves, and where in its own code it arose.
+_INNARDS = re.compile(r"Unable to connect to any of \S*!|\s*at \S+\.rs:\d+\.?")
 
 
 class RosError(BusError):
@@ -108,8 +108,8 @@ class RosSession:
         try:
             self.zenoh = zenoh.open(config)
         except zenoh.ZError as error:
-            why = _RUST_PLACE.sub("", str(error))
-            raise RosError(f"no router of the robot at {self._router}: {why}") from error
+            why = _INNARDS.sub("", str(error)).strip()
+            raise RosError(f"no router of the robot at {self._router}{f': {why}' if why else ''}") from error
         self._keep(self.zenoh.liveliness().declare_token(self._entity("NN").token()))
         self._keep(self.zenoh.liveliness().declare_subscriber(tokens_of(self.domain), self._on_token, history=True))
         return self
