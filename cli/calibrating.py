@@ -7,6 +7,7 @@ import os
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 import cv2
@@ -74,9 +75,10 @@ def yaml_of_pose(T_world_camera: Matrix4) -> dict[str, str]:
 
 
 def command_for(camera: str, plan: Path | None, cameras_file: Path, fit_hfov: bool = False) -> str:
-    """What a person types to calibrate a camera. ``plan``: its floor's; None: there is none, so that points are given in metres."""
-    points = f"--plan {plan}" if plan else f"--clicks {camera}.clicks.yaml --write"
-    return f"surveilnav cameras calibrate {camera} {points}{' --fit-hfov' if fit_hfov else ''} --file {cameras_file}"
+    """What a person types to calibrate a camera. ``plan``: its floor's; None: there is none, and points are given in metres."""
+    points = f"--plan {quote(str(plan))}" if plan else f"--clicks {camera}.clicks.yaml --write"
+    fit = " --fit-hfov" if fit_hfov else ""
+    return f"surveilnav cameras calibrate {camera} {points}{fit} --file {quote(str(cameras_file))}"
 
 
 def calibrate(camera: str, clicks: Clicks, source: Path, cameras_file: Path, fit_hfov: bool) -> Calibrated:

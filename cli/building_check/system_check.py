@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from shlex import quote
+
 from surveilnav.cli.building_check.files import Files
 from surveilnav.cli.finding import Finding
 from surveilnav.cli.traffic import MAX_CLOCK_OFFSET_S, clock_words
@@ -23,7 +25,7 @@ def check_system(files: Files, url: str) -> list[Finding]:
     except GatewayError as error:
         if error.name == "no_gateway":
             override = files.path.parent / "compose.override.yaml"
-            start = f"docker compose -f compose.building.yaml -f {override} up --wait"
+            start = f"docker compose -f compose.building.yaml -f {quote(str(override))} up --wait"
             return [Finding("running system", "note", f"none answers at {url}", start)]
         return [Finding("running system", "problem", str(error), "put a key into SURVEILNAV_API_KEY")]
     findings = [*_nodes(nodes), *_cameras(files, cameras), *_robots(files, robots)]

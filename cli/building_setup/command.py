@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -98,7 +99,7 @@ def _next_commands(answers: Answers, floors: dict[str, FloorFiles], folder: Path
     from surveilnav.cli.calibrating import command_for
 
     unknown = [camera for camera in answers.cameras if camera.position_m is None]
-    commands = [f"surveilnav doctor --building {folder / BUILDING}"]
+    commands = [f"surveilnav doctor --building {quote(str(folder / BUILDING))}"]
     for camera in unknown[:_LISTED]:
         plan = floors[camera.floor].plan
         commands.append(
@@ -108,8 +109,10 @@ def _next_commands(answers: Answers, floors: dict[str, FloorFiles], folder: Path
         commands.append(f"...   # and so for {', '.join(camera.name for camera in unknown[_LISTED:])}")
     for name, robot in answers.robots.items():
         if not (robot.on_nav2_map and floors[robot.floor].T_building_map):
-            commands.append(f"surveilnav robots frame {folder / 'robots' / name}.yaml --pair X,Y=X,Y ... --write")
+            commands.append(
+                f"surveilnav robots frame {quote(f'{folder}/robots/{name}.yaml')} --pair X,Y=X,Y ... --write"
+            )
     where = "" if shutil.which("docker") else "   # with Docker, in a clone of SurveilNav"
-    commands.append(f"docker compose -f compose.building.yaml -f {folder / OVERRIDE} up --wait{where}")
+    commands.append(f"docker compose -f compose.building.yaml -f {quote(str(folder / OVERRIDE))} up --wait{where}")
     commands.append("surveilnav where wheelchair")
     return commands

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ipaddress
 import json
 import os
 import shutil
@@ -58,8 +59,11 @@ def missing() -> str:
 
 def host_as_containers_see_it() -> str:
     """This machine's address on Docker's default network, which containers of other networks reach, too."""
-    command = ["docker", "network", "inspect", "bridge", "--format", "{{(index .IPAM.Config 0).Gateway}}"]
-    return subprocess.run(command, capture_output=True, text=True, check=True, timeout=60).stdout.strip()
+    command = ["docker", "network", "inspect", "bridge", "--format", "{{json .IPAM.Config}}"]
+    told = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60).stdout
+    network = json.loads(told)[0]
+    # older engines name only the subnet, whose first address it is
+    return str(network.get("Gateway") or next(ipaddress.ip_network(network["Subnet"]).hosts()))
 
 
 class Stack:

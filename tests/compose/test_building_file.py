@@ -65,7 +65,7 @@ def mounted(service: dict[str, Any]) -> str:
     return str(mount["source"]).replace("$$", "$")  # as `config` prints a dollar
 
 
-@pytest.mark.parametrize("name", ["hq", "head quarters: nord", '50 $ & "more"'])
+@pytest.mark.parametrize("name", ["hq", "head quarters: nord", '50 $HOME & "more"'])
 def test_compose_starts_the_cameras_and_robots_of_the_answers(tmp_path: Path, name: str) -> None:
     folder = written(tmp_path / name, 3, ("r1", "r-2"))
     read = composed("compose.building.yaml", folder / "compose.override.yaml")
