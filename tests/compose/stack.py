@@ -56,6 +56,12 @@ def missing() -> str:
     return ""
 
 
+def host_as_containers_see_it() -> str:
+    """This machine's address on Docker's default network, which containers of other networks reach, too."""
+    command = ["docker", "network", "inspect", "bridge", "--format", "{{(index .IPAM.Config 0).Gateway}}"]
+    return subprocess.run(command, capture_output=True, text=True, check=True, timeout=60).stdout.strip()
+
+
 class Stack:
     """``docker compose`` with a project, a port and settings of its own."""
 
