@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 import math
 import os
+import shlex
 import signal
 import statistics
 import subprocess
@@ -65,8 +66,11 @@ class Truth:
         self.floor = message.data.header.frame_id.rpartition("/")[2]
 
 
-def play(building: str, seed: int, target: str, wiring: str, data: Path) -> dict[str, Any]:
-    """Plays a search and returns its row; a search that can't be played has the reason in "skipped"."""
+def play(building: str, seed: int, target: str, wiring: str, data: Path, cameras: int | None = None) -> dict[str, Any]:
+    """Plays a search and returns its row; a search that can't be played has the reason in "skipped".
+
+    ``cameras``: how many, as real; None: one for each 100 square metres.
+    """
     key = {"building": building, "seed": seed, "target": target, "wiring": wiring}
     if wiring == "simulated":
         row = live.play(live.Search(building, seed, target, "on"), "compact", data / "runs")
@@ -76,7 +80,7 @@ def play(building: str, seed: int, target: str, wiring: str, data: Path) -> dict
         goals = find_goals(home.scene, home.navigation, target, caster=home.caster)
         start = sample_start(home.scene, home.navigation, goals, seed=seed, caster=home.caster)
         folder = data / "as-real" / f"{building}-{seed}-{target}".replace(" ", "_")
-        with running(building, seed, start, folder) as (client, bus):
+        with running(building, seed, start, folder, cameras) as (client, bus):
             row = key | search(client, bus, goals, start, folder) | {"program": digest()}
         for recording in (folder.parent / "recordings").glob(f"*{row.pop('mission')}*.mcap"):
             row |= {"decision_s": decision_times_s(recording)}
@@ -86,7 +90,9 @@ def play(building: str, seed: int, target: str, wiring: str, data: Path) -> dict
 
 
 @contextmanager
-def running(building: str, seed: int, start: Start, folder: Path) -> Iterator[tuple[Client, str]]:
+def running(
+    building: str, seed: int, start: Start, folder: Path, cameras: int | None = None
+) -> Iterator[tuple[Client, str]]:
     """``surveilnav up --as-real`` with the robot at its start.
 
     Yields a client, once a mission could run, and the endpoint of the bus.
@@ -95,7 +101,7 @@ def running(building: str, seed: int, start: Start, folder: Path) -> Iterator[tu
     port, bus = free_port(), f"tcp/127.0.0.1:{free_port()}"
     program = [str(Path(sys.executable).parent / "surveilnav"), "up", "--as-real", "--building", building]
     program += ["--seed", str(seed), "--perception", "compact", "--logs", str(folder)]
-    program += ["--port", str(port), "--router", bus]
+    program += ["--port", str(port), "--router", bus, *(["--cameras", str(cameras)] if cameras is not None else [])]
     place = f"{start.p_m[0]!r},{start.p_m[1]!r},{start.floor},{math.degrees(start.yaw_rad)!r}"
     with (folder / "up.log").open("w") as out:
         process = subprocess.Popen(
@@ -277,18 +283,22 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--buildings", nargs="+", required=True)
     parser.add_argument("--targets", nargs="+", required=True)
     parser.add_argument("--seeds", nargs="+", type=int, default=[0])
+    parser.add_argument("--wirings", nargs="+", choices=WIRINGS, default=list(WIRINGS))
+    parser.add_argument("--cameras", type=int, help="how many, as real; by default one for each 100 square metres")
     parser.add_argument("--data", type=Path, default=Path("runs/as_real"))
     parser.add_argument("--page", type=Path, default=Path("docs/results/as_real.md"))
     args = parser.parse_args(argv)
     args.data.mkdir(parents=True, exist_ok=True)
     rows = RowsFile(args.data / "rows.jsonl", KEY)
-    words = [f"--{name} {' '.join(map(str, getattr(args, name)))}" for name in ("buildings", "targets", "seeds")]
-    command = " ".join([parser.prog, *words])
-    wanted = [(b, s, t, w) for b in args.buildings for s in args.seeds for t in args.targets for w in WIRINGS]
+    words = [
+        word for name in ("buildings", "targets", "seeds") for word in (f"--{name}", *map(str, getattr(args, name)))
+    ]
+    command = f"{parser.prog} {shlex.join(words)}"
+    wanted = [(b, s, t, w) for b in args.buildings for s in args.seeds for t in args.targets for w in args.wirings]
     missing = [key for key in wanted if key not in rows.done()]
     began_s = time.monotonic()
     for number, (building, seed, target, wiring) in enumerate(missing, start=1):
-        row = play(building, seed, target, wiring, args.data)
+        row = play(building, seed, target, wiring, args.data, args.cameras)
         rows.append(row)
         args.page.write_text(page(rows.load(), command), encoding="utf-8")
         left_s = (time.monotonic() - began_s) / number * (len(missing) - number)
