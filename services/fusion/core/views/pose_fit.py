@@ -61,12 +61,14 @@ class PoseCorrection:
         )
 
 
-def points_to_fit(p_world: NDArray[np.float64], p_camera: NDArray[np.float64], floor_z_m: float) -> NDArray[np.float64]:
-    """Of the points (N, 3) that a camera has measured, those that ``fit_pose`` compares: about 1,500 [m, world]."""
+def points_to_fit(
+    p_world: NDArray[np.float64], p_camera: NDArray[np.float64], floor_z_m: float, max_points: int = _MAX_POINTS
+) -> NDArray[np.float64]:
+    """Of the points (N, 3) that a camera has measured, those that ``fit_pose`` compares [m, world]."""
     near = np.linalg.norm(p_world[:, :2] - p_camera[:2], axis=1) < _MAX_RANGE_M
     points = _between(p_world[near], floor_z_m)
     chosen: NDArray[np.float64] = points[
-        np.linspace(0, len(points) - 1, min(len(points), _MAX_POINTS)).round().astype(int)
+        np.linspace(0, len(points) - 1, min(len(points), max_points)).round().astype(int)
     ]
     return chosen
 

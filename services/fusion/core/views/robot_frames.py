@@ -1,0 +1,257 @@
+"""Robots whose frame is wrong: they aren't where they say, so none of their views is believed while it is so.
+
+A robot that is off looks through what cameras have measured, just as if a camera were described wrongly. So before a camera is
+accused, what the robot has seen lately is matched with what each camera nearby has measured (``pose_fit``). Which of both is wrong
+then follows from what several cameras say (``surveilnav.robot_frame.drift``).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surveilnav.geometry import Pinhole
+from surveilnav.robot_frame.drift import DriftMonitor, is_large
+from surveilnav.robot_frame.planar import PlanarTransform
+from surveilnav.sensing.views import PosedView
+from surveilnav.services.fusion.core.maps.cloud import VoxelCloud
+from surveilnav.services.fusion.core.views.pose_fit import PoseCorrection, fit_pose, points_to_fit
+from surveilnav.services.fusion.core.views.validation import ViewError
+
+#: What a robot has seen lately are so many views, each taken so far from the last one or turned so far.
+_MAX_KEPT, _MIN_KEPT, _STEP_M, _STEP_RAD = 12, 4, 0.2, math.radians(15.0)
+#: Of each view, so many places across are sampled, up to so far.
+_SAMPLES, _MAX_OF_VIEW, _MIN_RANGE_M, _MAX_RANGE_M = 40, 200, 0.05, 5.0
+#: Points are compared with a camera that has measured something so near, if so many are. At most so many cameras are asked.
+_NEAR_M, _MIN_NEAR, _MAX_ASKED = 0.6, 300, 4
+#: The description is right if points fit so well by it, and so nearly as well as by the best correction.
+_MIN_SCORE, _TIMES_DESCRIBED = 0.45, 1.3
+#: A camera that is accused waits for so many comparisons for a second camera to tell whether the robot is to blame.
+_MAX_WAITING = 8
+_CLIMB_M, _MAX_ROBOTS = 0.4, 64
+_Points = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class FrameProblem:
+    """A robot's frame is wrong.
+
+    Attributes:
+        why: what is wrong and what to do, for people.
+        correction: takes where the robot says that something is to where it is by the cameras.
+        dx_m, dy_m, dyaw_rad: how the robot must be moved and turned from where it said that it stands.
+    """
+
+    why: str
+    correction: PlanarTransform
+    dx_m: float
+    dy_m: float
+    dyaw_rad: float
+
+
+@dataclass(slots=True)
+class _Robot:
+    """What a robot has seen lately: some points of each view [cm, building as it says], and where it was: x, y, yaw, floor."""
+
+    monitor: DriftMonitor = field(default_factory=DriftMonitor)
+    places: list[tuple[float, float, float, float]] = field(default_factory=list)
+    points_cm: list[NDArray[np.int32]] = field(default_factory=list)
+    seq: int = -1
+    n_refused: int = 0
+
+    @property
+    def p(self) -> _Points:
+        return np.array(self.places[-1][:2])
+
+    def record(self, view: PosedView) -> None:
+        """Keeps some points of a view, if it was taken elsewhere than the last one."""
+        if view.seq < self.seq:  # it began anew, perhaps with another frame
+            self._restart()
+        self.seq = view.seq
+        T = view.T_world_camera
+        place = float(T[0, 3]), float(T[1, 3]), math.atan2(T[1, 2], T[0, 2]), view.floor_z_m
+        if self.places:
+            x, y, yaw, floor_z_m = self.places[-1]
+            if abs(floor_z_m - place[3]) > _CLIMB_M:
+                self._restart()
+            elif math.dist((x, y), place[:2]) < _STEP_M and abs(math.remainder(yaw - place[2], math.tau)) < _STEP_RAD:
+                return
+        self.places = [*self.places, place][-_MAX_KEPT:]
+        self.points_cm = [*self.points_cm, _sampled_cm(view)][-_MAX_KEPT:]
+
+    def _restart(self) -> None:
+        self.places, self.points_cm = [], []
+        self.monitor.restart()
+
+    def compare(self, cloud: VoxelCloud, cameras: set[str]) -> None:
+        """Compares what it has seen lately with what cameras have measured."""
+        if len(self.places) < _MIN_KEPT:
+            return
+        floor_z_m = self.places[-1][3]
+        mine = points_to_fit(0.01 * np.concatenate(self.points_cm), self.p, floor_z_m)
+        overlaps = []
+        for camera in sorted(cameras):
+            others = cloud.measured_by(camera)
+            near = mine[_is_near(mine, others)]
+            if len(near) >= _MIN_NEAR:
+                overlaps.append((-len(near), camera, near, others))
+        overlaps.sort(key=lambda found: found[:2])
+        said: dict[str, PlanarTransform | None] = {}
+        for _, camera, near, others in overlaps[:_MAX_ASKED]:
+            found = fit_pose(near, others, self.p, floor_z_m)
+            if found is not None:
+                _add_word(said, camera, found, self.p)
+        self.monitor.record(said, self.p)
+
+    def state(self) -> dict[str, Any]:
+        return {
+            "monitor": self.monitor.state(),
+            "places": [list(place) for place in self.places],
+            "points_cm": list(self.points_cm),
+            "seq": self.seq,
+            "n_refused": self.n_refused,
+        }
+
+    @classmethod
+    def from_state(cls, state: Mapping[str, Any]) -> _Robot:
+        return cls(
+            DriftMonitor.from_state(state["monitor"]),
+            [(x, y, yaw, z) for x, y, yaw, z in state["places"]],
+            [np.array(points, np.int32).reshape(-1, 3) for points in state["points_cm"]],
+            state["seq"],
+            state["n_refused"],
+        )
+
+
+class RobotFrames:
+    """Which robots' frames are wrong, and what they have seen lately. ``compare_every``: views between two comparisons."""
+
+    def __init__(self, compare_every: int) -> None:
+        self._compare_every = compare_every
+        self._robots: dict[str, _Robot] = {}
+        self._waiting: dict[str, int] = {}  # how many comparisons a camera waits already
+
+    def problems(self) -> dict[str, FrameProblem]:
+        """By source, what is wrong with a robot's frame."""
+        return {
+            source: _problem(source, robot)
+            for source, robot in sorted(self._robots.items())
+            if robot.monitor.correction is not None
+        }
+
+    def check(self, view: PosedView, cloud: VoxelCloud | None) -> None:
+        """Looks whether a robot whose frame was wrong agrees with the cameras again. Raises ViewError: it doesn't."""
+        robot = self._robots.get(view.source)
+        if robot is None or robot.monitor.correction is None:
+            return
+        if view.depth_source == "sensor":
+            robot.record(view)
+        robot.n_refused += 1
+        if cloud is not None and robot.n_refused % self._compare_every == 0:
+            robot.compare(cloud, _cameras_of(cloud))
+        if robot.monitor.correction is not None:
+            raise ViewError("frame_disagrees", _problem(view.source, robot).why)
+        robot.n_refused = 0
+
+    def record_view(self, view: PosedView) -> None:
+        """Records a robot's view that was integrated."""
+        if view.depth_source != "sensor" or (view.source not in self._robots and len(self._robots) >= _MAX_ROBOTS):
+            return
+        self._robots.setdefault(view.source, _Robot()).record(view)
+
+    def accused_of(self, suspects: list[str], cloud: VoxelCloud, floor_z_m: float) -> str:
+        """Which camera is wrong, of those that robots look through, worst first. "": it can't be told yet, or a robot is."""
+        cameras, n_wrong = _cameras_of(cloud), len(self.problems())
+        here = [r for _, r in sorted(self._robots.items()) if r.places and abs(r.places[-1][3] - floor_z_m) <= _CLIMB_M]
+        if len(cameras) > 1:
+            for robot in here:
+                robot.compare(cloud, cameras)
+        if len(self.problems()) > n_wrong:
+            self._waiting.clear()
+            return ""
+        self._waiting = {camera: self._waiting.get(camera, 0) + 1 for camera in suspects}
+        for camera in suspects:
+            if (
+                len(cameras) == 1  # there is nobody to tell, and a robot needs its own views more than a camera's
+                or any(robot.monitor.is_contradicted_by(camera) for robot in here)
+                or self._waiting[camera] > _MAX_WAITING
+            ):
+                del self._waiting[camera]
+                return camera
+        return ""
+
+    def state(self) -> dict[str, Any]:
+        """Everything as plain arrays and values, for ``adopt``."""
+        return {
+            "robots": [[source, robot.state()] for source, robot in sorted(self._robots.items())],
+            "waiting": sorted(self._waiting.items()),
+        }
+
+    def adopt(self, state: Mapping[str, Any]) -> None:
+        """Takes over what ``state`` returned."""
+        self._robots = {source: _Robot.from_state(robot) for source, robot in state["robots"]}
+        self._waiting = dict(state["waiting"])
+
+
+def _sampled_cm(view: PosedView) -> NDArray[np.int32]:
+    """(n, 3) of a view's points at heights that are compared [cm, world], rounded."""
+    step = max(1, view.camera.width_px // _SAMPLES)
+    depth_m = view.depth_m[::step, ::step]
+    c, (height, width) = view.camera, depth_m.shape
+    lens = Pinhole(width, height, c.fx_px / step, c.fy_px / step, c.cx_px / step, c.cy_px / step)
+    seen = (depth_m > _MIN_RANGE_M) & (depth_m < _MAX_RANGE_M)
+    p_camera = lens.rays()[seen] * depth_m[seen][:, None]
+    p_world = p_camera @ view.T_world_camera[:3, :3].T + view.T_world_camera[:3, 3]
+    points = points_to_fit(p_world, view.T_world_camera[:2, 3], view.floor_z_m, _MAX_OF_VIEW)
+    chosen: NDArray[np.int32] = np.round(100.0 * points).astype(np.int32)
+    return chosen
+
+
+def _is_near(points: _Points, others: _Points) -> NDArray[np.bool_]:
+    """Which of the points (N, 3) lie in the plane within ``_NEAR_M`` of others (M, 3)."""
+    if not len(points) or not len(others):
+        return np.zeros(len(points), np.bool_)
+    low = np.minimum(points[:, :2].min(axis=0), others[:, :2].min(axis=0)) - _NEAR_M
+    cells, of_others = (np.floor((p[:, :2] - low) / _NEAR_M).astype(np.int64) for p in (points, others))
+    shape = np.maximum(cells.max(axis=0), of_others.max(axis=0)) + 2
+    there = np.zeros(shape, np.bool_)
+    for i in (-1, 0, 1):
+        for j in (-1, 0, 1):
+            there[of_others[:, 0] + i, of_others[:, 1] + j] = True
+    return np.asarray(there[cells[:, 0], cells[:, 1]])
+
+
+def _add_word(said: dict[str, PlanarTransform | None], camera: str, found: PoseCorrection, p: _Points) -> None:
+    """Adds what a camera says of a robot at (2,) ``p``, if that is clear."""
+    turn = PlanarTransform(0.0, 0.0, found.yaw_rad)
+    x, y = p + (found.x_m, found.y_m) - turn.apply(p)
+    correction = PlanarTransform(float(x), float(y), found.yaw_rad)
+    large = is_large(correction, p)
+    if large and found.is_clear:
+        said[camera] = correction
+    elif found.score >= _MIN_SCORE and (not large or found.score <= _TIMES_DESCRIBED * found.described_score):
+        said[camera] = None
+
+
+def _cameras_of(cloud: VoxelCloud) -> set[str]:
+    return {name for members in cloud.source_sets() for name in members if name.startswith("camera/")}
+
+
+def _problem(source: str, robot: _Robot) -> FrameProblem:
+    T, p = robot.monitor.correction, robot.p
+    assert T is not None
+    dx_m, dy_m = (T.apply(p) - p).tolist()
+    names = " and ".join(name.partition("/")[2] for name in robot.monitor.witnesses)
+    id = source.partition("/")[2]
+    why = (
+        f"robot {id} isn't where it says: what it sees fits what cameras {names} have measured if it is moved by "
+        f"({dx_m:+.2f}, {dy_m:+.2f}) m and turned by {math.degrees(T.yaw_rad):+.1f} degrees. Its frame T_building_map has changed: "
+        "find it anew (`surveilnav robots frame`). What it saw before this was noticed may be in the maps: "
+        f"`surveilnav robots remove {id} --from-maps` takes it out"
+    )
+    return FrameProblem(why, T, dx_m, dy_m, T.yaw_rad)
