@@ -10,8 +10,6 @@ from surveilnav.geometry import Grid
 from surveilnav.messages.base import Message
 
 LayerName = Literal["occupancy", "explored", "frontier", "value", "cloud", "provenance"]
-#: Values of the occupancy layer beside 0: a sensor measured an obstacle, or a camera without a depth sensor estimated one.
-OBSTACLE, ESTIMATED_OBSTACLE = 1, 2
 LAYERS: tuple[str, ...] = ("occupancy", "explored", "frontier", "value", "cloud", "provenance")
 
 
@@ -19,7 +17,7 @@ class LayerHeader(Message, frozen=True, kw_only=True):
     """Describes one map layer; the payload is a zstd-compressed, row-major array.
 
     Layers:
-        occupancy: uint8 on ``grid``: 0 free or unknown, ``OBSTACLE``, or ``ESTIMATED_OBSTACLE``.
+        occupancy: uint8 on ``grid``: 0 free or unknown, or one of the values in ``surveilnav.occupancy``.
         explored, frontier: uint8 on ``grid``, 0 or 1.
         value: float32 on ``grid`` for ``target``, NaN where unknown.
         cloud: (N, 6) float32, x, y, z [m, world] and r, g, b [0-1] of each point.

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from surveilnav.geometry import Grid
-from surveilnav.messages.maps import ESTIMATED_OBSTACLE
+from surveilnav.occupancy import ESTIMATED_OBSTACLE
 from surveilnav.services.planner.core import FloorMaps, FloorMemory, MissionState, PlannerConfig, RobotView
 from surveilnav.services.planner.core.motion.drive import FmmPlanner, descend, next_action
 from surveilnav.services.planner.core.motion.terrain import build_terrain, coarse_travel_time_m, travel_time_m

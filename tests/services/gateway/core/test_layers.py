@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from surveilnav.geometry import Grid
-from surveilnav.messages.maps import ESTIMATED_OBSTACLE, OBSTACLE
+from surveilnav.occupancy import ESTIMATED_OBSTACLE, OBSTACLE
 from surveilnav.sensing.layers import GRID_LAYERS
 from surveilnav.services.gateway.core.layers import COLOURS, as_array, colour_values, render, thinned_cloud, transform
 
