@@ -81,7 +81,9 @@ def draw(
         arrow = _ARROWS[round(robot.yaw_rad / (math.pi / 2)) % 4]
         board.put(cells.of(*robot.position_m[:2]), arrow, _MARKS["robot"][1])
     resolution_m = place.resolution_m * n
-    return Drawing(board.lines(), _legend("value" in layers, "prior_free" in layers), resolution_m, resolution_m * _ASPECT)
+    return Drawing(
+        board.lines(), _legend("value" in layers, "prior_free" in layers), resolution_m, resolution_m * _ASPECT
+    )
 
 
 def _prior(occupancy: Cells) -> dict[str, Cells]:

@@ -24,7 +24,9 @@ ValueFusion = Literal["average", "confidence", "latest"]
 class MapConfig(ConfigPart):
     """Point cloud, obstacle map, exploration map and frontiers of a floor."""
 
-    _priors: Mapping[str, PriorMap] = PrivateAttr(default={})  # no setting: arrays from files that the building file names
+    _priors: Mapping[str, PriorMap] = PrivateAttr(
+        default={}
+    )  # no setting: arrays from files that the building file names
 
     tau_z_m: float = Field(
         default=0.4, gt=0, description="tau_z of eq. 1: a view within this of a floor's altitude belongs to that floor"

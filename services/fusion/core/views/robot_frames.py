@@ -1,7 +1,8 @@
 """Robots whose frame is wrong: they aren't where they say, so none of their views is believed while it is so.
 
 A robot that is off looks through what cameras have measured, just as if a camera were described wrongly. So before a camera is
-accused, what the robot has seen lately is matched with what each camera nearby has measured (``pose_fit``). Which of both is wrong
+accused, what the robot has seen lately is matched with what each camera nearby has measured (``pose_fit``). So it is where much of
+what it has seen lately lies at no place that cameras have measured, although they have measured around it. Which of both is wrong
 then follows from what several cameras say (``surveilnav.robot_frame.drift``).
 """
 
@@ -31,6 +32,9 @@ _SAMPLES, _MAX_OF_VIEW, _MIN_RANGE_M, _MAX_RANGE_M = 40, 200, 0.05, 5.0
 _NEAR_M, _MIN_NEAR, _MAX_ASKED = 0.6, 300, 4
 #: The description is right if points fit so well by it, and so nearly as well as by the best correction.
 _MIN_SCORE, _TIMES_DESCRIBED = 0.45, 1.3
+#: A robot is compared if a smaller share of its points lies in such a cell that cameras have measured, or beside one. It is 0.98 and
+#: more of healthy robots, and 0.5 to 0.85 of one that is off by 0.5 m.
+_CELL_M, _MIN_SHARE = 0.1, 0.9
 #: A camera that is accused waits for so many comparisons for a second camera to tell whether the robot is to blame.
 _MAX_WAITING = 8
 _CLIMB_M, _MAX_ROBOTS = 0.4, 64
@@ -63,6 +67,7 @@ class _Robot:
     points_cm: list[NDArray[np.int32]] = field(default_factory=list)
     seq: int = -1
     n_refused: int = 0
+    n_doubted: int = 0
 
     @property
     def p(self) -> _Points:
@@ -88,15 +93,35 @@ class _Robot:
         self.places, self.points_cm = [], []
         self.monitor.restart()
 
+    def points(self) -> _Points:
+        """(N, 3) of what it has seen lately [m, building as it says]; none as long as that is little."""
+        if len(self.places) < _MIN_KEPT:
+            return np.empty((0, 3))
+        return points_to_fit(0.01 * np.concatenate(self.points_cm), self.p, self.places[-1][3])
+
+    def is_doubtful(self, measured: _Points) -> bool:
+        """Whether it should be compared: it doubts less and less often if nothing comes of it.
+
+        Args:
+            measured: (M, 3) what cameras have measured [m, building].
+        """
+        points = self.points()
+        near = points[_is_near(points, measured)]
+        if len(near) < _MIN_NEAR or _share_beside(near, measured) >= _MIN_SHARE:
+            self.n_doubted = 0
+            return False
+        self.n_doubted += 1
+        return not self.n_doubted & (self.n_doubted - 1)  # a power of two
+
     def compare(self, cloud: VoxelCloud, cameras: set[str]) -> None:
         """Compares what it has seen lately with what cameras have measured."""
-        if len(self.places) < _MIN_KEPT:
+        mine = self.points()
+        if not len(mine):
             return
         floor_z_m = self.places[-1][3]
-        mine = points_to_fit(0.01 * np.concatenate(self.points_cm), self.p, floor_z_m)
         overlaps = []
         for camera in sorted(cameras):
-            others = cloud.measured_by(camera)
+            others = cloud.measured_by({camera})
             near = mine[_is_near(mine, others)]
             if len(near) >= _MIN_NEAR:
                 overlaps.append((-len(near), camera, near, others))
@@ -115,6 +140,7 @@ class _Robot:
             "points_cm": list(self.points_cm),
             "seq": self.seq,
             "n_refused": self.n_refused,
+            "n_doubted": self.n_doubted,
         }
 
     @classmethod
@@ -125,6 +151,7 @@ class _Robot:
             [np.array(points, np.int32).reshape(-1, 3) for points in state["points_cm"]],
             state["seq"],
             state["n_refused"],
+            state["n_doubted"],
         )
 
 
@@ -164,10 +191,22 @@ class RobotFrames:
             return
         self._robots.setdefault(view.source, _Robot()).record(view)
 
+    def compare_doubtful(self, cloud: VoxelCloud, floor_z_m: float) -> None:
+        """Compares the robots of a floor of which much that they have seen lately was seen by no camera."""
+        cameras = _cameras_of(cloud)
+        if len(cameras) > 1 and (here := self._on(floor_z_m)):
+            measured = cloud.measured_by(cameras)
+            for robot in here:
+                if robot.is_doubtful(measured):
+                    robot.compare(cloud, cameras)
+
+    def _on(self, floor_z_m: float) -> list[_Robot]:
+        robots = (robot for _, robot in sorted(self._robots.items()))
+        return [robot for robot in robots if robot.places and abs(robot.places[-1][3] - floor_z_m) <= _CLIMB_M]
+
     def accused_of(self, suspects: list[str], cloud: VoxelCloud, floor_z_m: float) -> str:
         """Which camera is wrong, of those that robots look through, worst first. "": it can't be told yet, or a robot is."""
-        cameras, n_wrong = _cameras_of(cloud), len(self.problems())
-        here = [r for _, r in sorted(self._robots.items()) if r.places and abs(r.places[-1][3] - floor_z_m) <= _CLIMB_M]
+        cameras, n_wrong, here = _cameras_of(cloud), len(self.problems()), self._on(floor_z_m)
         if len(cameras) > 1:
             for robot in here:
                 robot.compare(cloud, cameras)
@@ -224,6 +263,23 @@ def _is_near(points: _Points, others: _Points) -> NDArray[np.bool_]:
         for j in (-1, 0, 1):
             there[of_others[:, 0] + i, of_others[:, 1] + j] = True
     return np.asarray(there[cells[:, 0], cells[:, 1]])
+
+
+def _share_beside(points: _Points, others: _Points) -> float:
+    """The share of points (N, 3) that lie in a cell with others (M, 3), or beside one."""
+    low = points.min(axis=0) - 2 * _CELL_M
+    shape = np.floor((points.max(axis=0) - low) / _CELL_M).astype(np.int64) + 3
+    cells = np.floor((others - low) / _CELL_M).astype(np.int64)
+    cells = cells[((cells >= 0) & (cells < shape)).all(axis=1)]
+    there = np.zeros(shape, np.bool_)
+    there[tuple(cells.T)] = True
+    for axis in range(3):
+        grown = np.moveaxis(there.copy(), axis, 0)
+        was = np.moveaxis(there, axis, 0)
+        grown[1:] |= was[:-1]
+        grown[:-1] |= was[1:]
+        there = np.moveaxis(grown, 0, axis)
+    return float(there[tuple(np.floor((points - low) / _CELL_M).astype(np.int64).T)].mean())
 
 
 def _add_word(said: dict[str, PlanarTransform | None], camera: str, found: PoseCorrection, p: _Points) -> None:
