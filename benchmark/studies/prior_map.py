@@ -2,8 +2,8 @@
 
     python -m surveilnav.benchmark.studies.prior_map --searches 6
 
-The map is what a robot's own mapping would have made of the building: walls, furniture and free floor, as Nav2's map of each floor,
-from the simulator's map of where a robot can drive. ``--off`` misplaces it by so many metres, as a frame that was found badly does.
+The map is what a robot's own mapping would have made of the building, as Nav2's map of each floor: walls, furniture and free
+floor, from the simulator's map of where a robot can drive. ``--off`` misplaces it by so many metres, as a bad frame would.
 The searches are those of the golden run, with our policy.
 """
 

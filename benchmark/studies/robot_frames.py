@@ -2,8 +2,8 @@
 
     python -m surveilnav.benchmark.studies.robot_frames --searches 4 --cameras 6
 
-The golden run's buildings and searches are played with more cameras, by a robot that drives to waypoints and has a localisation of
-its own. Its map's place in the building is wrong from the start, or jumps after 3 m. A camera that is put into quarantine is
+The golden run's buildings and searches are played with more cameras, by a robot that drives to waypoints and has a localisation
+of its own. Its map's place in the building is wrong from the start, or jumps after 3 m. A camera that is put into quarantine is
 accused wrongly: all of them hang where they are described.
 """
 
@@ -99,7 +99,8 @@ def play(golden: canary.Search, n_cameras: int, arm: str, row: Row) -> str:
         row.errors.append(_error(problem, arm))
         deg = math.degrees(problem.dyaw_rad)
         said = f"named at view {seq}: ({problem.dx_m:+.2f}, {problem.dy_m:+.2f}) m, {deg:+.1f} degrees"
-    return f"{golden.building}, {arm}: {said}; accused {sorted(accused) or 'none'}; {result.reason or 'found'}, {result.steps} steps"
+    done = result.reason or "found"
+    return f"{golden.building}, {arm}: {said}; accused {sorted(accused) or 'none'}; {done}, {result.steps} steps"
 
 
 def _error(problem: FrameProblem, arm: str) -> tuple[float, float]:

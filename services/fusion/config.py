@@ -28,8 +28,8 @@ class FusionSettings(BaseSettings):
 
     building_file: str = Field(
         default="",
-        description="`building.yaml`: where it names Nav2's map of a floor, that is known of it before anybody has seen it. Empty: "
-        "nothing is",
+        description="`building.yaml`: where it names Nav2's map of a floor, that is known before anybody has seen the floor. "
+        "Empty: nothing is",
     )
     surveillance: bool = Field(default=True, description="whether surveillance cameras are invoked at all")
     preset: Literal["default", "paper"] = Field(
@@ -126,7 +126,10 @@ class FusionSettings(BaseSettings):
         return self.model_copy(update={"store": store})
 
     def core(self) -> FusionConfig:
-        """The preset with the settings that differ from it. ConfigError: an unknown name, an invalid value, or a file that is wrong."""
+        """The preset with the settings that differ from it.
+
+        ConfigError: an unknown name, an invalid value, or a building file that can't be used.
+        """
         changes = {part: getattr(self, part) for part in ("map", "value", "objects", "validation", "views")}
         try:
             config = FusionConfig.preset(self.preset).changed(changes)

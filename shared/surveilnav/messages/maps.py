@@ -70,6 +70,19 @@ class CameraUse(msgspec.Struct, frozen=True):
     quarantine: str = ""
 
 
+class RobotFrameProblem(msgspec.Struct, frozen=True):
+    """A robot isn't where it says by what cameras have measured, so none of its views is believed while it is so.
+
+    ``dx_m``, ``dy_m``, ``dyaw_rad``: how it must be moved and turned from where it says that it is, to be there.
+    """
+
+    robot: str
+    message: str
+    dx_m: float
+    dy_m: float
+    dyaw_rad: float
+
+
 class Revision(Message, frozen=True, kw_only=True):
     """What the maps of a floor have processed.
 
@@ -80,6 +93,7 @@ class Revision(Message, frozen=True, kw_only=True):
         cameras: the invoked cameras.
         pending_views: frames of invoked cameras that aren't processed yet.
         perception_ok, message: whether perception works, and if not, why.
+        frames: the robots of this floor that aren't where they say.
     """
 
     floor: str
@@ -90,6 +104,7 @@ class Revision(Message, frozen=True, kw_only=True):
     pending_views: int
     perception_ok: bool = True
     message: str = ""
+    frames: list[RobotFrameProblem] = []
 
 
 class ObjectEvent(msgspec.Struct, frozen=True):

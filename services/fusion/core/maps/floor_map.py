@@ -148,8 +148,8 @@ class FloorMap:
 
         Occupied are cells with enough points at heights that block, and drops: cells without a floor, through which enough
         rays go down. A cell is free again if it is plainly seen as bare floor, if all but a few of its voxels are carved away, or
-        if a robot stood there. Estimates count where no sensor has measured. A prior obstacle counts until bare floor is seen there or
-        a robot stood there: rays may have passed above it. Prior free floor counts until anything is seen there.
+        if a robot stood there. Estimates count where no sensor has measured. A prior obstacle counts until bare floor is seen
+        there or a robot stood there: rays may have passed above it. Prior free floor counts until anything is seen there.
         """
         if self._occupancy is None:
             self._occupancy = self._compute_occupancy()

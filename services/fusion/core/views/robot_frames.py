@@ -1,9 +1,9 @@
 """Robots whose frame is wrong: they aren't where they say, so none of their views is believed while it is so.
 
 A robot that is off looks through what cameras have measured, just as if a camera were described wrongly. So before a camera is
-accused, what the robot has seen lately is matched with what each camera nearby has measured (``pose_fit``). So it is where much of
-what it has seen lately lies at no place that cameras have measured, although they have measured around it. Which of both is wrong
-then follows from what several cameras say (``surveilnav.robot_frame.drift``).
+accused, what the robot has seen lately is matched with what each camera nearby has measured (``pose_fit``). It is, too, where
+much of it lies at no place that cameras have measured, although they have measured around it. Which of both is wrong then
+follows from what several cameras say (``surveilnav.robot_frame.drift``).
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ _SAMPLES, _MAX_OF_VIEW, _MIN_RANGE_M, _MAX_RANGE_M = 40, 200, 0.05, 5.0
 _NEAR_M, _MIN_NEAR, _MAX_ASKED = 0.6, 300, 4
 #: The description is right if points fit so well by it, and so nearly as well as by the best correction.
 _MIN_SCORE, _TIMES_DESCRIBED = 0.45, 1.3
-#: A robot is compared if a smaller share of its points lies in such a cell that cameras have measured, or beside one. It is 0.98 and
-#: more of healthy robots, and 0.5 to 0.85 of one that is off by 0.5 m.
+#: A robot is compared if a smaller share of its points lies in such a cell that cameras have measured, or beside one. It is 0.98
+#: and more of healthy robots, and 0.5 to 0.85 of one that is off by 0.5 m.
 _CELL_M, _MIN_SHARE = 0.1, 0.9
 #: A camera that is accused waits for so many comparisons for a second camera to tell whether the robot is to blame.
 _MAX_WAITING = 8
@@ -97,7 +97,8 @@ class _Robot:
         """(N, 3) of what it has seen lately [m, building as it says]; none as long as that is little."""
         if len(self.places) < _MIN_KEPT:
             return np.empty((0, 3))
-        return points_to_fit(0.01 * np.concatenate(self.points_cm), self.p, self.places[-1][3])
+        points = np.asarray(0.01 * np.concatenate(self.points_cm), np.float64)
+        return points_to_fit(points, self.p, self.places[-1][3])
 
     def is_doubtful(self, measured: _Points) -> bool:
         """Whether it should be compared: it doubts less and less often if nothing comes of it.
@@ -285,7 +286,7 @@ def _share_beside(points: _Points, others: _Points) -> float:
 def _add_word(said: dict[str, PlanarTransform | None], camera: str, found: PoseCorrection, p: _Points) -> None:
     """Adds what a camera says of a robot at (2,) ``p``, if that is clear."""
     turn = PlanarTransform(0.0, 0.0, found.yaw_rad)
-    x, y = p + (found.x_m, found.y_m) - turn.apply(p)
+    x, y = p + np.array([found.x_m, found.y_m]) - turn.apply(p)
     correction = PlanarTransform(float(x), float(y), found.yaw_rad)
     large = is_large(correction, p)
     if large and found.is_clear:
@@ -306,8 +307,8 @@ def _problem(source: str, robot: _Robot) -> FrameProblem:
     id = source.partition("/")[2]
     why = (
         f"robot {id} isn't where it says: what it sees fits what cameras {names} have measured if it is moved by "
-        f"({dx_m:+.2f}, {dy_m:+.2f}) m and turned by {math.degrees(T.yaw_rad):+.1f} degrees. Its frame T_building_map has changed: "
-        "find it anew (`surveilnav robots frame`). What it saw before this was noticed may be in the maps: "
+        f"({dx_m:+.2f}, {dy_m:+.2f}) m and turned by {math.degrees(T.yaw_rad):+.1f} degrees. Its frame T_building_map or its "
+        "localisation is wrong: find it anew (`surveilnav robots frame`). What it saw before is perhaps in the maps: "
         f"`surveilnav robots remove {id} --from-maps` takes it out"
     )
     return FrameProblem(why, T, dx_m, dy_m, T.yaw_rad)
