@@ -183,11 +183,12 @@ class Quarantine:
             self._n_robot_views = 0
             within_ns = round(1e9 * self._config.compare_within_s)
             agreement = cloud.agreement(validator.cameras_current_since_ns(), within_ns)
-            n_wrong = len(self.frames.problems())
+            n_wrong, accused = len(self.frames.problems()), ""
             self.frames.compare_doubtful(cloud, view.floor_z_m)
-            accused = self.record_agreement(
-                agreement, lambda suspects: self.frames.accused_of(suspects, cloud, view.floor_z_m)
-            )
+            if len(self.frames.problems()) == n_wrong:
+                accused = self.record_agreement(
+                    agreement, lambda suspects: self.frames.accused_of(suspects, cloud, view.floor_z_m)
+                )
             if len(self.frames.problems()) > n_wrong:
                 self._excused = {source: found.n_refuted for source, found in agreement.items()}
             if accused:

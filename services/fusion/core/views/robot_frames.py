@@ -21,7 +21,7 @@ from surveilnav.robot_frame.drift import DriftMonitor, is_large
 from surveilnav.robot_frame.planar import PlanarTransform
 from surveilnav.sensing.views import PosedView
 from surveilnav.services.fusion.core.maps.cloud import VoxelCloud
-from surveilnav.services.fusion.core.views.pose_fit import PoseCorrection, fit_pose, points_to_fit
+from surveilnav.services.fusion.core.views.pose_fit import PoseCorrection, fit_pose, points_to_fit, score_poses
 from surveilnav.services.fusion.core.views.validation import ViewError
 
 #: What a robot has seen lately are so many views, each taken so far from the last one or turned so far.
@@ -30,6 +30,8 @@ _MAX_KEPT, _MIN_KEPT, _STEP_M, _STEP_RAD = 12, 4, 0.2, math.radians(15.0)
 _SAMPLES, _MAX_OF_VIEW, _MIN_RANGE_M, _MAX_RANGE_M = 40, 200, 0.05, 5.0
 #: Points are compared with a camera that has measured something so near, if so many are. At most so many cameras are asked.
 _NEAR_M, _MIN_NEAR, _MAX_ASKED = 0.6, 300, 4
+#: What one camera says is put to so many others. They answer if points fit so well, and so many times as well as otherwise.
+_MAX_TESTED, _MIN_TEST_SCORE, _TIMES_TESTED = 12, 0.3, 1.3
 #: The description is right if points fit so well by it, and so nearly as well as by the best correction.
 _MIN_SCORE, _TIMES_DESCRIBED = 0.45, 1.3
 #: A robot is compared if a smaller share of its points lies in such a cell that cameras have measured, or beside one. It is 0.98
@@ -68,6 +70,7 @@ class _Robot:
     seq: int = -1
     n_refused: int = 0
     n_doubted: int = 0
+    is_compared: bool = False  # in this round
 
     @property
     def p(self) -> _Points:
@@ -132,7 +135,19 @@ class _Robot:
             found = fit_pose(near, others, self.p, floor_z_m)
             if found is not None:
                 _add_word(said, camera, found, self.p)
+        # what one camera says is put to the others: to see that it is so takes less than to find it
+        by, hypothesis = self._hypothesis(said)
+        if hypothesis is not None:
+            for _, camera, near, others in overlaps[:_MAX_TESTED]:
+                if camera != by and camera not in said:
+                    _add_answer(said, camera, hypothesis, near, others, self.places[-1])
         self.monitor.record(said, self.p)
+
+    def _hypothesis(self, said: Mapping[str, PlanarTransform | None]) -> tuple[str, PlanarTransform | None]:
+        """A camera that asks for a correction, and the correction: now or, if none does, what one has said before."""
+        now = [(camera, T) for camera, T in said.items() if T is not None]
+        before = [(camera, T) for camera, T in sorted(self.monitor.corrections.items()) if camera not in said]
+        return next(iter(now + before), ("", self.monitor.correction))
 
     def state(self) -> dict[str, Any]:
         return {
@@ -198,7 +213,8 @@ class RobotFrames:
         if len(cameras) > 1 and (here := self._on(floor_z_m)):
             measured = cloud.measured_by(cameras)
             for robot in here:
-                if robot.is_doubtful(measured):
+                robot.is_compared = robot.is_doubtful(measured)
+                if robot.is_compared:
                     robot.compare(cloud, cameras)
 
     def _on(self, floor_z_m: float) -> list[_Robot]:
@@ -210,7 +226,8 @@ class RobotFrames:
         cameras, n_wrong, here = _cameras_of(cloud), len(self.problems()), self._on(floor_z_m)
         if len(cameras) > 1:
             for robot in here:
-                robot.compare(cloud, cameras)
+                if not robot.is_compared:
+                    robot.compare(cloud, cameras)
         if len(self.problems()) > n_wrong:
             self._waiting.clear()
             return ""
@@ -292,6 +309,24 @@ def _add_word(said: dict[str, PlanarTransform | None], camera: str, found: PoseC
     if large and found.is_clear:
         said[camera] = correction
     elif found.score >= _MIN_SCORE and (not large or found.score <= _TIMES_DESCRIBED * found.described_score):
+        said[camera] = None
+
+
+def _add_answer(
+    said: dict[str, PlanarTransform | None],
+    camera: str,
+    hypothesis: PlanarTransform,
+    points: _Points,
+    others: _Points,
+    place: tuple[float, float, float, float],
+) -> None:
+    """Adds whether a camera agrees with a correction that another asks for, or with the robot, if it is clearly one of both."""
+    p = np.array(place[:2])
+    dx_m, dy_m = (hypothesis.apply(p) - p).tolist()
+    by_robot, corrected = score_poses(points, others, p, place[3], [(0.0, 0.0, 0.0), (hypothesis.yaw_rad, dx_m, dy_m)])
+    if corrected >= max(_MIN_TEST_SCORE, _TIMES_TESTED * by_robot):
+        said[camera] = hypothesis
+    elif by_robot >= max(_MIN_TEST_SCORE, _TIMES_TESTED * corrected):
         said[camera] = None
 
 
