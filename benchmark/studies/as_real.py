@@ -14,16 +14,19 @@ from __future__ import annotations
 import argparse
 import math
 import os
+import shlex
 import signal
 import statistics
 import subprocess
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
+
+import msgspec
 
 from surveilnav.benchmark.canary import digest
 from surveilnav.benchmark.runner.summary import interval
@@ -31,10 +34,13 @@ from surveilnav.benchmark.studies import live
 from surveilnav.benchmark.studies.rows import RowsFile
 from surveilnav.bus.router import free_port
 from surveilnav.client import Client
+from surveilnav.contract import MISSION_PLAN, VIEW_LOG
 from surveilnav.errors import SurveilNavError
+from surveilnav.messages import FrameHeader
 from surveilnav.robot_file import load_robot
 from surveilnav.robot_state import RobotState
 from surveilnav.ros2.session import RosMessage, RosSession
+from surveilnav.services.recorder.recorded import RecordedMessage, read_recording
 from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings
 from surveilnav.simulator.world.goals import Goals, Start, find_goals, judge, sample_start
 
@@ -60,8 +66,11 @@ class Truth:
         self.floor = message.data.header.frame_id.rpartition("/")[2]
 
 
-def play(building: str, seed: int, target: str, wiring: str, data: Path) -> dict[str, Any]:
-    """Plays a search and returns its row; a search that can't be played has the reason in "skipped"."""
+def play(building: str, seed: int, target: str, wiring: str, data: Path, cameras: int | None = None) -> dict[str, Any]:
+    """Plays a search and returns its row; a search that can't be played has the reason in "skipped".
+
+    ``cameras``: how many, as real; None: one for each 100 square metres.
+    """
     key = {"building": building, "seed": seed, "target": target, "wiring": wiring}
     if wiring == "simulated":
         row = live.play(live.Search(building, seed, target, "on"), "compact", data / "runs")
@@ -71,20 +80,28 @@ def play(building: str, seed: int, target: str, wiring: str, data: Path) -> dict
         goals = find_goals(home.scene, home.navigation, target, caster=home.caster)
         start = sample_start(home.scene, home.navigation, goals, seed=seed, caster=home.caster)
         folder = data / "as-real" / f"{building}-{seed}-{target}".replace(" ", "_")
-        with running(building, seed, start, folder) as client:
-            return key | search(client, goals, start, folder) | {"program": digest()}
+        with running(building, seed, start, folder, cameras) as (client, bus):
+            row = key | search(client, bus, goals, start, folder) | {"program": digest()}
+        for recording in (folder.parent / "recordings").glob(f"*{row.pop('mission')}*.mcap"):
+            row |= {"decision_s": decision_times_s(recording)}
+        return row
     except SurveilNavError as error:
         return key | {"skipped": str(error)}
 
 
 @contextmanager
-def running(building: str, seed: int, start: Start, folder: Path) -> Iterator[Client]:
-    """``surveilnav up --as-real`` with the robot at its start; yields a client once a mission could run."""
+def running(
+    building: str, seed: int, start: Start, folder: Path, cameras: int | None = None
+) -> Iterator[tuple[Client, str]]:
+    """``surveilnav up --as-real`` with the robot at its start.
+
+    Yields a client, once a mission could run, and the endpoint of the bus.
+    """
     folder.mkdir(parents=True, exist_ok=True)
-    port = free_port()
+    port, bus = free_port(), f"tcp/127.0.0.1:{free_port()}"
     program = [str(Path(sys.executable).parent / "surveilnav"), "up", "--as-real", "--building", building]
     program += ["--seed", str(seed), "--perception", "compact", "--logs", str(folder)]
-    program += ["--port", str(port), "--router", f"tcp/127.0.0.1:{free_port()}"]
+    program += ["--port", str(port), "--router", bus, *(["--cameras", str(cameras)] if cameras is not None else [])]
     place = f"{start.p_m[0]!r},{start.p_m[1]!r},{start.floor},{math.degrees(start.yaw_rad)!r}"
     with (folder / "up.log").open("w") as out:
         process = subprocess.Popen(
@@ -93,7 +110,7 @@ def running(building: str, seed: int, start: Start, folder: Path) -> Iterator[Cl
         try:
             with Client(f"http://127.0.0.1:{port}") as client:
                 _wait_ready(client, process, folder)
-                yield client
+                yield client, bus
         finally:
             process.send_signal(signal.SIGINT)
             process.wait(60.0)
@@ -115,13 +132,13 @@ def _wait_ready(client: Client, process: subprocess.Popen[bytes], folder: Path) 
         time.sleep(0.2)
 
 
-def search(client: Client, goals: Goals, start: Start, folder: Path) -> dict[str, Any]:
+def search(client: Client, bus: str, goals: Goals, start: Start, folder: Path) -> dict[str, Any]:
     """One mission, judged where the robot is in truth."""
     truth = Truth()
     robot = load_robot(folder / "hardware" / "robots" / "r1.yaml")
     with RosSession("judge", router=robot.router, domain=robot.domain) as session:
         session.subscribe("/ground_truth", "nav_msgs/msg/Odometry", truth.on_odometry)
-        began_s = time.monotonic()
+        began_s, before_s = time.monotonic(), processor_time_s(bus)
         mission = client.submit(goals.label)
         while not mission.has_ended and time.monotonic() < began_s + _LONGEST_S:
             time.sleep(0.1)
@@ -129,14 +146,58 @@ def search(client: Client, goals: Goals, start: Start, folder: Path) -> dict[str
         search_s = time.monotonic() - began_s
         if not mission.has_ended:
             client.cancel(mission.id, "too long")
-        pose = truth.pose
+        pose, after_s = truth.pose, processor_time_s(bus)
     if pose is None:
         raise SurveilNavError("the robot's hardware never said where it is")
     z_m = start.p_m[2]
     stands = RobotState(pose[0], pose[1], z_m, truth.floor, pose[2], stopped=mission.found, path_m=truth.path_m)
     verdict = judge(goals, stands, shortest_path_m=start.shortest_path_m)
-    said = {"found": mission.found, "error": mission.error, "message": mission.message, "steps": mission.step}
-    return said | {"search_s": search_s} | asdict(verdict)
+    said: dict[str, Any] = {
+        "found": mission.found,
+        "error": mission.error,
+        "message": mission.message,
+        "steps": mission.step,
+    }
+    said |= {"search_s": search_s, "mission": mission.id}
+    said |= {"cpu_s": {name: round(after_s[name] - before_s.get(name, 0.0), 2) for name in after_s}}
+    return said | asdict(verdict)
+
+
+def processor_time_s(bus: str) -> dict[str, float]:
+    """What the services on a bus have spent on processors so far [s], by module."""
+    spent: dict[str, float] = {}
+    for folder in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):
+            words = (folder / "cmdline").read_bytes().decode(errors="replace").split("\0")
+            module = words[2] if words[1:2] == ["-m"] and len(words) > 2 else ""
+            if module.startswith("surveilnav.services") and bus.encode() in (folder / "environ").read_bytes():
+                fields = (folder / "stat").read_text().rpartition(")")[2].split()
+                seconds = (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+                spent[module] = spent.get(module, 0.0) + seconds
+    return spent
+
+
+def decision_times_s(recording: Path) -> list[tuple[float, bool]]:
+    """Of each decision of a recorded mission, how long after the observation that it is based on it was made [s].
+
+    True beside it: its waypoint lies elsewhere than that of the decision before, by half a metre or more.
+    """
+    observed_ns, times_s = dict[int, int](), list[tuple[float, bool]]()
+    last: tuple[float, float] | None = None
+    for heard in read_recording(recording):
+        if not isinstance(heard, RecordedMessage):
+            continue
+        if heard.stream is VIEW_LOG and heard.message.source.startswith("robot/") and heard.message.header:
+            header = msgspec.msgpack.decode(heard.message.header, type=FrameHeader)
+            observed_ns[header.seq] = header.stamp_ns
+        elif heard.stream is MISSION_PLAN and heard.message.seq in observed_ns and heard.message.waypoint:
+            plan = heard.message
+            to = plan.waypoint.x_m, plan.waypoint.y_m
+            times_s.append(
+                ((plan.stamp_ns - observed_ns[plan.seq]) / 1e9, last is not None and math.dist(to, last) >= 0.5)
+            )
+            last = to
+    return times_s
 
 
 # --- the page -----------------------------------------------------------------------------------------------------
@@ -170,6 +231,7 @@ def page(rows: Sequence[dict[str, Any]], command: str) -> str:
             f"{sum(bool(r['found']) for r in arm)} | {statistics.median(r['search_s'] for r in arm):.0f} s | "
             f"{statistics.median(r['steps'] for r in arm):.0f} | {statistics.median(r['path_m'] for r in arm):.1f} m |"
         )
+    lines += ["", *_costs([real for real, _ in pairs])]
     lines += [
         "",
         "| building | seed | target | success as real / simulated | way [m] | shortest [m] | time [s] | as real it said |",
@@ -188,6 +250,26 @@ def page(rows: Sequence[dict[str, Any]], command: str) -> str:
     return "\n".join([*lines, ""])
 
 
+def _costs(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
+    """What the searches as real cost, and how long their decisions took."""
+    times = [(t, moved) for r in rows for t, moved in r.get("decision_s", [])]
+    for name, some in (("a decision", [t for t, _ in times]), ("another waypoint", [t for t, moved in times if moved])):
+        if some:
+            yield (
+                f"From an observation of the robot as real to {name}: median {statistics.median(some):.2f} s, "
+                f"9 of 10 within {statistics.quantiles(some, n=10)[-1] if len(some) > 1 else some[0]:.2f} s ({len(some)})."
+            )
+    spent: dict[str, float] = {}
+    for row in rows:
+        for module, cpu_s in row.get("cpu_s", {}).items():
+            spent[module] = spent.get(module, 0.0) + cpu_s
+    total_s = sum(r["search_s"] for r in rows)
+    shares = [
+        f"{m.rpartition('.')[2]} {100 * s / total_s:.0f} %" for m, s in sorted(spent.items(), key=lambda e: -e[1])
+    ]
+    yield f"Of a core, while searching as real: {', '.join(shares)}."
+
+
 def _change(pairs: Sequence[tuple[dict[str, Any], dict[str, Any]]], scenes: Sequence[str], name: str) -> str:
     value = interval([100.0 * (real[name] - simulated[name]) for real, simulated in pairs], list(scenes))
     return f"{value.mean:+.1f} [{value.low:+.1f}, {value.high:+.1f}]"
@@ -201,18 +283,22 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--buildings", nargs="+", required=True)
     parser.add_argument("--targets", nargs="+", required=True)
     parser.add_argument("--seeds", nargs="+", type=int, default=[0])
+    parser.add_argument("--wirings", nargs="+", choices=WIRINGS, default=list(WIRINGS))
+    parser.add_argument("--cameras", type=int, help="how many, as real; by default one for each 100 square metres")
     parser.add_argument("--data", type=Path, default=Path("runs/as_real"))
     parser.add_argument("--page", type=Path, default=Path("docs/results/as_real.md"))
     args = parser.parse_args(argv)
     args.data.mkdir(parents=True, exist_ok=True)
     rows = RowsFile(args.data / "rows.jsonl", KEY)
-    words = [f"--{name} {' '.join(map(str, getattr(args, name)))}" for name in ("buildings", "targets", "seeds")]
-    command = " ".join([parser.prog, *words])
-    wanted = [(b, s, t, w) for b in args.buildings for s in args.seeds for t in args.targets for w in WIRINGS]
+    words = [
+        word for name in ("buildings", "targets", "seeds") for word in (f"--{name}", *map(str, getattr(args, name)))
+    ]
+    command = f"{parser.prog} {shlex.join(words)}"
+    wanted = [(b, s, t, w) for b in args.buildings for s in args.seeds for t in args.targets for w in args.wirings]
     missing = [key for key in wanted if key not in rows.done()]
     began_s = time.monotonic()
     for number, (building, seed, target, wiring) in enumerate(missing, start=1):
-        row = play(building, seed, target, wiring, args.data)
+        row = play(building, seed, target, wiring, args.data, args.cameras)
         rows.append(row)
         args.page.write_text(page(rows.load(), command), encoding="utf-8")
         left_s = (time.monotonic() - began_s) / number * (len(missing) - number)
