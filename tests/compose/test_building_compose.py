@@ -10,6 +10,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 import yaml
@@ -18,7 +19,7 @@ from surveilnav.ros2.session import RosSession
 from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings
 from tests import rendered_streams, streams
 from tests.compose.stack import ROOT, UP_S, Stack, host_as_containers_see_it, missing
-from tests.robot_hardware import MAP_X_M, MAP_Y_M, MAP_YAW_DEG, Hardware, robot_hardware
+from tests.robot_hardware import Hardware, in_map, robot_hardware
 from tests.waiting import until
 
 pytestmark = [pytest.mark.compose, pytest.mark.slow, pytest.mark.timeout(UP_S + 600)]
@@ -59,6 +60,7 @@ def site(tmp_path_factory: pytest.TempPathFactory, home_cache: Path) -> Iterator
             answers.write_text(yaml.safe_dump(answers_of(building, videos, address, robot.router)))
             done = surveilnav("init", str(folder), "--answers", str(answers))
             assert done.returncode == 0, done.stdout + done.stderr
+            measure_frame(folder / "robots" / "r1.yaml")
             models = tmp_path_factory.mktemp("models")
             models.chmod(0o755)
             over = str(folder / "compose.override.yaml")
@@ -70,12 +72,8 @@ def site(tmp_path_factory: pytest.TempPathFactory, home_cache: Path) -> Iterator
 
 def answers_of(building: SimulatedBuilding, folder: Path, address: str, router: str) -> dict[str, Any]:
     """What somebody who has measured everything answers."""
-    import cv2
-
     file = yaml.safe_load(rendered_streams.cameras_yaml(building, VIEWS, address))
-    cv2.imwrite(str(folder / "plan.png"), np.full((300, 400), 255, np.uint8))
-    nav2_map = "image: plan.png\nresolution: 0.05\norigin: [-4, -4, 0]\noccupied_thresh: 0.65\nfree_thresh: 0.25\n"
-    (folder / "map.yaml").write_text(nav2_map)
+    write_map(building, folder)
     cameras = [
         {
             "name": camera["name"],
@@ -88,10 +86,27 @@ def answers_of(building: SimulatedBuilding, folder: Path, address: str, router: 
         }
         for camera in file["cameras"]
     ]
-    frame = {"x_m": MAP_X_M, "y_m": MAP_Y_M, "yaw_deg": MAP_YAW_DEG}
-    floor = {"z_m": file["floors"]["0"]["z_m"], "nav2_map": "map.yaml", "T_building_map": frame}
-    robot = {"router": router, "floor": "0", "on_nav2_map": True}
+    floor = {"z_m": file["floors"]["0"]["z_m"], "plan": "map.yaml", "nav2_map": "map.yaml"}
+    robot = {"router": router, "floor": "0"}
     return {"building": "Parametric flat", "floors": {"0": floor}, "cameras": cameras, "robots": {"r1": robot}}
+
+
+def write_map(building: SimulatedBuilding, folder: Path) -> None:
+    """The floor as Nav2's map_saver would write it, in the building's frame."""
+    ground = building.navigation.floors["0"]
+    grey = np.where(ground.obstacle, 0, np.where(ground.supported & ground.indoor, 254, 205)).astype(np.uint8)
+    cv2.imwrite(str(folder / "map.pgm"), grey[::-1])
+    origin = [ground.grid.origin_x_m, ground.grid.origin_y_m, 0]
+    entries = {"image": "map.pgm", "resolution": ground.grid.resolution_m, "origin": origin, "negate": 0}
+    (folder / "map.yaml").write_text(yaml.safe_dump(entries | {"occupied_thresh": 0.65, "free_thresh": 0.25}))
+
+
+def measure_frame(file: Path) -> None:
+    """Finds where the robot's map lies from four places, as a person does."""
+    places = [(0.0, 0.0), (5.0, 0.0), (5.0, 4.0), (0.0, 4.0)]
+    pairs = [f"{x},{y}={u:.3f},{v:.3f}" for (x, y) in places for (u, v) in [in_map(x, y)]]
+    done = surveilnav("robots", "frame", str(file), *(word for p in pairs for word in ("--pair", p)), "--write")
+    assert done.returncode == 0, done.stdout + done.stderr
 
 
 def true_place(robot: Hardware) -> tuple[float, float]:

@@ -141,3 +141,9 @@ def test_what_must_outlive_a_container_lies_in_the_volume_of_its_building(name: 
     store = service["environment"][f"SURVEILNAV_{name.upper()}__STORE"]
     assert store.startswith("/var/lib/surveilnav/building/")
     assert any(v["type"] == "volume" and v["target"] == "/var/lib/surveilnav" for v in service["volumes"])
+
+
+@pytest.mark.parametrize("name", ["fusion", "planner"])
+def test_what_is_known_of_the_floors_is_told_to_those_who_plan_on_them(name: str) -> None:
+    environment = composed("compose.building.yaml")["services"][name]["environment"]
+    assert environment[f"SURVEILNAV_{name.upper()}__BUILDING_FILE"] == "/etc/surveilnav/building.yaml"
