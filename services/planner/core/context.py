@@ -97,6 +97,11 @@ class StepContext:
         terrain = replace(self.terrain, speed=np.where(constrained, 0.0, self.terrain.speed))
         return coarse_travel_time_m(terrain, self.robot.x_m, self.robot.y_m)
 
+    def area_at(self, x_m: float, y_m: float) -> str:
+        """The name of the keepout zone or closed passage at a place; empty if there is none."""
+        barring = (area for area in self.maps.areas if area.kind != "open")
+        return next((area.name for area in barring if area.contains(x_m, y_m)), "")
+
     def decide(
         self,
         action: str,
