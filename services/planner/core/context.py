@@ -18,7 +18,12 @@ from surveilnav.services.planner.core.goals.frontiers import Frontier, find_fron
 from surveilnav.services.planner.core.inputs import FloorMaps, RobotView
 from surveilnav.services.planner.core.memory.mission_state import MissionState
 from surveilnav.services.planner.core.motion.drive import LocalPlanner, Route
-from surveilnav.services.planner.core.motion.terrain import Terrain, build_terrain, coarse_travel_time_m
+from surveilnav.services.planner.core.motion.terrain import (
+    Terrain,
+    build_terrain,
+    coarse_travel_time_m,
+    lines_are_clear,
+)
 
 _MAX_CANDIDATES = 12
 
@@ -101,6 +106,14 @@ class StepContext:
         """The name of the keepout zone or closed passage at a place; empty if there is none."""
         barring = (area for area in self.maps.areas if area.kind != "open")
         return next((area.name for area in barring if area.contains(x_m, y_m)), "")
+
+    def leads_through_barred(self, x_m: float, y_m: float) -> bool:
+        """Whether the straight line from the robot to a place touches a keepout zone or closed passage, or the place lies in one."""
+        barred = self.terrain.barred
+        if barred is None:
+            return False
+        ends = self.terrain.cell(x_m, y_m), self.terrain.cell(self.robot.x_m, self.robot.y_m)
+        return not bool(lines_are_clear(barred.near, np.array(ends[:1]), np.array(ends[1:]), 0.0)[0])
 
     def decide(
         self,

@@ -66,7 +66,7 @@ def step(
         _fail_if_spent(context) or leave_area(context) or initial_scan(context) or _choose_waypoint_and_drive(context)
     )
     if config.drive == "waypoints":
-        decision = to_drive(decision, state, robot, config, context.terrain.barred_at)
+        decision = to_drive(decision, state, robot, config, context.leads_through_barred)
     state.record_decision(decision)
     candidates = decision.candidates + unchosen_objects(context, decision.candidates)
     return state, replace(decision, candidates=candidates)

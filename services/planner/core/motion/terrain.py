@@ -66,10 +66,6 @@ class Terrain:
         row, col = self.grid.cells_of((x_m, y_m))
         return min(max(int(row), 0), self.grid.rows - 1), min(max(int(col), 0), self.grid.cols - 1)
 
-    def barred_at(self, x_m: float, y_m: float) -> bool:
-        """Whether a robot isn't sent to a place, because of a keepout zone or a closed passage."""
-        return self.barred is not None and bool(self.barred.near[self.cell(x_m, y_m)])
-
     def centre_of(self, row: int, col: int) -> tuple[float, float]:
         """(x, y) [m, world] of a cell's centre."""
         x, y = self.grid.centres_of((row, col))

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surveilnav.messages import WaypointPose, WaypointStatus
+from surveilnav.robot_body import clearance_m
 from surveilnav.robot_frame import PlanarTransform
 from surveilnav.services.planner.core.config import PlannerConfig
 from surveilnav.services.planner.core.decision import Decision
@@ -47,7 +48,7 @@ def before_barred(
     terrain: Terrain, path: tuple[tuple[float, float], ...], robot: RobotView
 ) -> tuple[tuple[float, float], ...]:
     """The beginning of a path (x, y) [m] whose end the robot can be sent to although its own navigation doesn't know where it
-    mustn't go: the whole path if that finds no shorter way through a barred area, else as far as a straight line is clear of it.
+    mustn't go: the whole path if that passes no barred area, else a short piece that a straight line clear of such areas joins.
     """
     barred, others = terrain.barred, terrain.speed_of_others
     if barred is None or others is None:
@@ -57,14 +58,19 @@ def before_barred(
     end[terrain.cell(*path[-1])] = True
     own_way = descend(terrain, travel_time_m(others, end, r, here, BEYOND_ROBOT_M), *here)
     cells = terrain.grid.cells_of(np.array(own_way))
-    if not barred.near[cells[:, 0], cells[:, 1]].any():
+    if clearance_m(barred.near, r)[cells[:, 0], cells[:, 1]].min() > _NEAR_M:
         return path
     points = terrain.grid.cells_of(np.array(path))
     clear = lines_are_clear(barred.near | terrain.occupied, points, np.full(points.shape, here), _OUT_OF_RIM_M / r)
+    clear &= np.linalg.norm(np.array(path) - path[0], axis=1) <= _PIECE_M
     last = max(1, int(np.flatnonzero(clear).max(initial=1)))
     return path[: last + 1]
 
 
+#: Navigation that would pass an area at this distance might as well pass through it, since it weighs distances otherwise.
+_NEAR_M = 0.3
+#: Beside an area the robot is sent no farther than this at a time, so that its navigation keeps to about the straight line.
+_PIECE_M = 1.0
 #: A robot that stands so far inside the rim of a barred area drives straight out of it.
 _OUT_OF_RIM_M = 0.4
 
@@ -80,12 +86,12 @@ def to_drive(
     state: MissionState,
     robot: RobotView,
     config: PlannerConfig,
-    is_barred: Callable[[float, float], bool] = lambda x_m, y_m: False,
+    leads_through_barred: Callable[[float, float], bool] = lambda x_m, y_m: False,
 ) -> Decision:
     """The decision as a waypoint that the robot drives to, if it is about moving; ``state`` remembers the waypoint.
 
     While the robot drives, its waypoint stays unless the new one is clearly elsewhere, since each replacement makes it slow down,
-    or unless ``is_barred`` says of its place that no robot is sent there any more.
+    or unless ``leads_through_barred``: on the straight line to a place (x, y) there is one where no robot is sent.
     """
     if decision.action in _TURNS:
         yaw_rad = math.remainder(robot.yaw_rad + _TURNS[decision.action] * config.turn_rad, 2 * math.pi)
@@ -94,7 +100,7 @@ def to_drive(
         wanted = _end_of(decision, state, robot)
         current = state.driving_to
         keeps = current is not None and _is_driving(current, robot) and _is_near(current, wanted, config)
-        if current is not None and keeps and not is_barred(current.x_m, current.y_m):
+        if current is not None and keeps and not leads_through_barred(current.x_m, current.y_m):
             wanted = current
     else:
         return decision
