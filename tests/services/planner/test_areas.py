@@ -232,3 +232,67 @@ def test_navigation_that_knows_no_zones_is_sent_around_them_in_parts(world, thin
     first = np.array(begin) + straight * (np.array([sent[0].x_m, sent[0].y_m]) - begin)
     assert not any(area.contains(*p) for p in first), "a straight way to the first part is clear of the zone"
     assert math.dist((sent[-1].x_m, sent[-1].y_m), (4.75, 2.6)) < 1.2, "the last one is at the chair"
+
+
+# --- passages ------------------------------------------------------------------------------------------------------
+
+#: The opening between the left room and the right one, above; the lower rooms are joined too unless that is closed as well.
+UPPER = box(3.2, 1.9, 0.4, 0.8, name="door upper", kind="closed", passage="upper")
+LOWER = box(3.2, 0.4, 0.4, 0.9, name="door lower", kind="closed", passage="lower")
+
+
+def chair_behind_a_door(world, thing):
+    drawing = ROOMS.replace("#                      TT           CC   #", "#            #         TT           CC   #")
+    drawing = drawing.replace("#                                        #", "#            D                           #")
+    things = {"C": thing("chair", looks_like="chair", known=KNOWN), "T": thing("table"), "S": thing("sofa"), "D": thing("door")}
+    w = world(drawing, things)
+    w.occupancy[w.solid] = 1  # the cameras have seen it all, the door closed
+    w.explored[20:-20, 20:-20] = 1
+    return w
+
+
+DOOR = zone((3.2, 0.4), (3.6, 0.4), (3.6, 2.3), (3.2, 2.3), name="door lobby", kind="closed", passage="lobby")
+
+
+@pytest.mark.parametrize("config", [ACTIONS, WAYPOINTS], ids=["actions", "waypoints"])
+def test_a_search_waits_by_name_for_the_door_that_its_target_is_behind_and_goes_on_when_it_opens(world, thing, config):
+    w = chair_behind_a_door(world, thing)
+    *_, (maps, robot, decision) = play(w, [DOOR], config)
+    assert decision.waits_for == ("lobby",)
+    assert decision.action is None
+    assert not decision.finished
+    assert decision.message == "waits for door lobby, which is closed: chair 1 is behind it"
+    assert not DOOR.contains(robot.x_m, robot.y_m)
+    w.solid[w.mark == "D"] = False
+    w.clearance_m = np.where(w.mark == "D", 0.3, np.maximum(w.clearance_m, 0.0))
+    w.clearance_m = world_clearance(w)
+    *_, (_, _, decision) = play(w, [replace(DOOR, kind="open")], config)
+    assert decision.found, "the map still has the closed door, which is taken for old"
+    assert w.gap_m("C") < 1.1
+
+
+def world_clearance(world):
+    import cv2
+
+    return cv2.distanceTransform((~world.solid).astype(np.uint8), cv2.DIST_L2, 5) * 0.05
+
+
+def test_without_anything_behind_it_a_closed_door_isnt_waited_for(world, thing):
+    w = chair_behind_a_door(world, thing)
+    w.things["C"].known = {}
+    *_, (_, _, decision) = play(w, [DOOR], ACTIONS)
+    assert decision.error == "not_found"
+
+
+def test_a_closed_door_is_driven_around_where_there_is_another_way(world, thing):
+    w = world(ROOMS, {"C": thing("chair", looks_like="chair", known=KNOWN), "T": thing("table"), "S": thing("sofa")})
+    for closed in (UPPER, LOWER):
+        places = [(r.x_m, r.y_m) for _, r, d in play(w, [closed], ACTIONS)]
+        assert not any(closed.contains(*p) for p in places)
+
+
+def test_of_several_closed_doors_the_one_is_named_that_leads_there(world, thing):
+    w = chair_behind_a_door(world, thing)
+    other = box(8.9, 0.5, 0.4, 0.4, name="door cupboard", kind="closed", passage="cupboard")
+    *_, (_, _, decision) = play(w, [other, DOOR], ACTIONS)
+    assert decision.waits_for == ("lobby",)
