@@ -5,6 +5,8 @@ Those of the core (``core/config.py``) are nested: ``SURVEILNAV_PLANNER__CORE__S
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
@@ -19,6 +21,11 @@ class PlannerSettings(BaseSettings):
     core: PlannerConfig = Field(default=PlannerConfig(), description="how it plans")
     store: str = Field(
         default="", description="the SQLite file that missions are stored in; empty: they don't survive a restart"
+    )
+    building_file: Path | None = Field(
+        default=None,
+        description="the file of the building, `building.yaml`: its keepout zones, doors and lifts; changes are "
+        "noticed",
     )
     first_look_s: float = Field(
         default=0.0,

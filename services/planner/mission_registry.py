@@ -8,6 +8,7 @@ from surveilnav.bus import Node, bound_request_id
 from surveilnav.contract import MAP_REVISION, ROBOT_STATUS
 from surveilnav.errors import MissionError
 from surveilnav.messages import MissionGoal
+from surveilnav.services.planner.areas import BuildingAreas
 from surveilnav.services.planner.config import PlannerSettings
 from surveilnav.services.planner.mission_runner import MissionRunner
 from surveilnav.services.planner.mission_start import MissionContext, lost_mission, new_mission
@@ -26,7 +27,10 @@ class MissionRegistry:
         self._lost: set[str] = set()  # that ``end_lost`` has ended
         self._robots = node.table(ROBOT_STATUS)
         self._store = Store(settings.store, node)
-        self._context = MissionContext(node, settings, node.table(MAP_REVISION), Summaries(node), self._store)
+        self._areas = BuildingAreas(node, settings.building_file)
+        self._context = MissionContext(
+            node, settings, node.table(MAP_REVISION), Summaries(node), self._store, self._areas
+        )
         self._resumed = self._resume()
 
     def all(self) -> list[MissionRunner]:
@@ -47,6 +51,10 @@ class MissionRegistry:
             mission.retry_saving()
         self._store.retry()
         self._node.report_problem("store", self._store.problem)
+
+    def refresh_areas(self) -> None:
+        """Reads the building file again if it has changed."""
+        self._areas.refresh()
 
     def accept(self, goal: MissionGoal) -> MissionRunner:
         """Starts a mission, or returns the one that the same goal started before.

@@ -132,7 +132,7 @@ class StepContext:
         return next((area.name for area in barring if area.contains(x_m, y_m)), "")
 
     def leads_through_barred(self, x_m: float, y_m: float) -> bool:
-        """Whether the straight line from the robot to a place touches a keepout zone or closed passage, or the place lies in one."""
+        """Whether the straight line from the robot to a place touches a keepout zone or a closed passage."""
         barred = self.terrain.barred
         if barred is None:
             return False

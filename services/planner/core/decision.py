@@ -7,7 +7,9 @@ from typing import Literal
 
 from surveilnav.messages import Candidate, WaypointPose
 
-Phase = Literal["scanning", "exploring", "approaching", "confirming", "changing floor", "second look", "waiting", "finished"]
+Phase = Literal[
+    "scanning", "exploring", "approaching", "confirming", "changing floor", "second look", "waiting", "finished"
+]
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,8 +23,8 @@ from surveilnav.services.planner.core.memory.mission_state import MissionState
 from surveilnav.services.planner.core.motion.drive import FmmPlanner, LocalPlanner
 from surveilnav.services.planner.core.motion.waypoint_driving import WaypointPlanner, to_drive
 from surveilnav.services.planner.core.stages.initial_scan import initial_scan
-from surveilnav.services.planner.core.stages.leaving import leave_area
 from surveilnav.services.planner.core.stages.last_resort import accept_when_steps_run_out
+from surveilnav.services.planner.core.stages.leaving import leave_area
 from surveilnav.services.planner.core.stages.objects import leave_outdone_object
 from surveilnav.services.planner.core.stages.rounds import first_decision
 

@@ -38,6 +38,7 @@ from surveilnav.messages.mission import (
     Plan,
 )
 from surveilnav.messages.node import Ack, ErrorReply, ServiceList, ServiceState, TrafficReport, TrafficRow
+from surveilnav.messages.passage import PassageState
 from surveilnav.messages.perception import Detection, InferReply, InferRequest, ModelIds, TextReply, WorkerLoad
 from surveilnav.messages.pictures import ForgetPictures, PicturesForgotten
 from surveilnav.messages.recording import (
@@ -126,6 +127,7 @@ __all__ = [
     "Recording",
     "RecordingList",
     "RecordingPart",
+    "PassageState",
     "RecordingRemoval",
     "ReplayControl",
     "ReplayStatus",

@@ -10,7 +10,12 @@ from typing import Literal
 from surveilnav.messages import Candidate, ObjectRecord
 from surveilnav.services.planner.core.context import Choice, StepContext
 from surveilnav.services.planner.core.goals import objects
-from surveilnav.services.planner.core.goals.travel import is_behind_passage, is_constrained, is_reachable, travel_time_to
+from surveilnav.services.planner.core.goals.travel import (
+    is_behind_passage,
+    is_constrained,
+    is_reachable,
+    travel_time_to,
+)
 
 
 @dataclass(frozen=True, slots=True)

@@ -273,7 +273,7 @@ class MissionState:
         return True
 
     def record_unreachable(self, record: ObjectRecord, area: str = "") -> None:
-        """Records for the final message that no way leads near a confirmed target. ``area``: where no robot is sent, around it."""
+        """Records for the final message that no way leads near a confirmed target; ``area``: in which it stands."""
         x, y, _ = record.center_m
         why = f"the {self.target} at ({x:.1f}, {y:.1f}) stands in {area}, and can't be reached from outside"
         no_way = f"{self.target!r} was seen at ({x:.1f}, {y:.1f}), but no way leads near it"

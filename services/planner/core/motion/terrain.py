@@ -101,7 +101,9 @@ def build_terrain(
     estimated = maps.occupancy[window] == ESTIMATED_OBSTACLE
     occupancy = ((maps.occupancy[window] != 0) & ~estimated).astype(np.uint8)
     _paint(occupancy, grid, state.here.visited[-200:], 0.0, value=0)
-    if any(area.kind == "open" for area in maps.areas):  # what the map holds there is the door, from before it was opened
+    if any(
+        area.kind == "open" for area in maps.areas
+    ):  # what the map holds there is the door, from before it was opened
         estimated |= (occupancy != 0) & (opened := cells_in(grid, maps.areas, "open"))
         occupancy[opened] = 0
     occupied, explored = occupancy != 0, maps.explored[window] != 0
@@ -131,7 +133,9 @@ def _with_barred(terrain: Terrain, barred: BarredCells, robot: RobotView, config
     if barred.inside[here]:
         passable = way_out(barred, here)
     elif barred.near[here]:
-        passable = terrain.disc(robot.x_m, robot.y_m, config.robot_radius_m + config.robot_free_radius_m) & ~barred.inside
+        passable = (
+            terrain.disc(robot.x_m, robot.y_m, config.robot_radius_m + config.robot_free_radius_m) & ~barred.inside
+        )
     speed = np.where(barred.near, 0.0, terrain.speed)
     speed[passable & barred.near] = _WAY_OUT_SPEED * terrain.speed[passable & barred.near]
     return replace(terrain, speed=speed, barred=barred, speed_of_others=terrain.speed)
