@@ -57,6 +57,12 @@ class PlannerSettings(BaseSettings):
         gt=0,
         description="while a robot drives to a waypoint by itself, the next decision is made after this time at the latest",
     )
+    min_battery: float = Field(
+        default=0.15,
+        ge=0,
+        le=1,
+        description="a robot whose battery is less full than this gets no new mission; the one that it is on goes on",
+    )
     max_steps: int = Field(default=5000, ge=1, description="the most steps that a mission may ask for")
     max_queued: int = Field(default=100, ge=0, description="how many missions may wait for a robot")
     finished_missions_kept: int = Field(

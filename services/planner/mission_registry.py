@@ -127,6 +127,13 @@ class MissionRegistry:
         """Whether a robot's latest status says that it is halted."""
         return any(row.message.robot == robot and row.message.state == "halted" for row in self._robots.rows())
 
+    def _battery_is_low(self, robot: str) -> str:
+        """Why a robot's battery doesn't suffice for another mission, by its latest status; empty if it does, or isn't known."""
+        shares = (row.message.battery for row in self._robots.rows() if row.message.robot == robot)
+        share, least = next(shares, None), self._settings.min_battery
+        is_low = share is not None and 0.0 <= share < least
+        return "" if share is None or not is_low else f"its battery is at {share:.0%}, and {least:.0%} are needed"
+
     def _resume(self) -> bool:
         """Resumes the unfinished missions of the store and loads the finished ones; False if the store can't be read.
 
@@ -165,12 +172,15 @@ class MissionRegistry:
                 )
             if self.is_halted(wanted):
                 raise MissionError("robot_halted", f"robot {wanted!r} is halted: release it first")
+            if why := self._battery_is_low(wanted):
+                raise MissionError("robot_battery", f"robot {wanted!r} has to charge first: {why}")
             return wanted
-        free = [robot for robot in here if robot not in busy and not self.is_halted(robot)]
+        unfit = {robot: "halted" if self.is_halted(robot) else self._battery_is_low(robot) for robot in here}
+        free = [robot for robot in here if robot not in busy and not unfit[robot]]
         if not here:
             raise MissionError("no_free_robot", "no robot is on the bus: start a robot node and send the goal again")
         if not free:
-            held = ", ".join(f"{robot} on {busy[robot]}" if robot in busy else f"{robot} halted" for robot in here)
+            held = ", ".join(f"{robot} {'on ' + busy[robot] if robot in busy else unfit[robot]}" for robot in here)
             raise MissionError(
                 "no_free_robot",
                 f"no robot is free ({held}): cancel a mission, release a robot, wait, or queue the goal",

@@ -223,6 +223,7 @@ def robot_from_status(status: m.RobotStatus, mission: str | None, seen_ns: int, 
         position_m=pose.translation_m,
         yaw_rad=yaw_of(pose.matrix()),
         mission=mission,
+        battery=status.battery if status.battery is not None and 0.0 <= status.battery <= 1.0 else None,
         last_seen=utc(seen_ns),
         stale=stale,
     )

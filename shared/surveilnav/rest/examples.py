@@ -164,6 +164,7 @@ ROBOT: dict[str, Any] = {
     "yaw_rad": 1.57,
     "mission": "m-0123456789ab",
     "message": "",
+    "battery": 0.83,
     "notes": [],
 }
 CAMERA: dict[str, Any] = {

@@ -21,6 +21,7 @@ class Robot(Resource):
     yaw_rad: float
     mission: str | None
     message: str
+    battery: float | None = Field(None, description="how full its battery is, 0 to 1; null: it doesn't say")
     notes: list[str] = Field(default_factory=list, description="which places it can't reach, and why")
 
 
