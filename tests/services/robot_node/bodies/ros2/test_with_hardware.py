@@ -248,7 +248,7 @@ def test_a_robot_that_dies_in_mid_goal_is_named_and_its_goal_given_up(rig, monke
     r.die()
     state, why = r.ended()
     assert state == "failed"
-    assert "Nav2" in why
+    assert why == "service /navigate_to_pose/_action/get_result was left without an answer: its node has gone"
     assert "no odometry came for" in r.reads()
     assert r.body.observe() is None
 
