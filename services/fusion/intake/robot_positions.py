@@ -49,6 +49,6 @@ def too_tall(robots: Iterable[RobotStatus], obstacle_max_m: float) -> str:
         return ""
     tallest = max(tall, key=lambda robot: robot.description.height_m)
     return (
-        f"robot {tallest.robot} is {tallest.description.height_m:.2f} m high, and obstacles higher than {obstacle_max_m:g} m aren't "
+        f"robot {tallest.robot} is {tallest.description.height_m:.2f} m high, and obstacles above {obstacle_max_m:g} m aren't "
         "mapped: set SURVEILNAV_FUSION__MAP__OBSTACLE_MAX_M to the height of the tallest robot and 0.1 m"
     )
