@@ -110,7 +110,9 @@ class Ros2Robot:
         """Declares what the robot publishes, subscribes to and serves."""
         self._odom = session.publisher("odom", "nav_msgs/msg/Odometry")
         self._tf = session.publisher("tf", "tf2_msgs/msg/TFMessage", Qos(depth=100))
-        self._tf_static = session.publisher("tf_static", "tf2_msgs/msg/TFMessage", _KEPT)
+        self._tf_static = session.publisher(
+            "tf_static", "tf2_msgs/msg/TFMessage", Qos() if self._faults.tf_static_volatile else _KEPT
+        )
         self._scan = session.publisher("scan", "sensor_msgs/msg/LaserScan", Qos(reliable=False, depth=5))
         self._battery = session.publisher("battery_state", "sensor_msgs/msg/BatteryState")
         self._truth = session.publisher("ground_truth", "nav_msgs/msg/Odometry")
