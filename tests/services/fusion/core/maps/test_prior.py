@@ -72,7 +72,7 @@ def test_what_is_seen_overrules_it(looked):
     assert at(looked, "occupancy", 2.0, 2.0) == 0, "the wall that is gone: its floor was seen"
     assert at(looked, "explored", 1.5, 2.0) == 1
     assert at(looked, "occupancy", 1.5, 2.0) == 0
-    grid, occupancy = looked.layer("0", "occupancy")
+    _, occupancy = looked.layer("0", "occupancy")
     assert (occupancy == OBSTACLE).any()
     explored = looked.layer("0", "explored")[1] != 0
     assert not (explored & (occupancy == PRIOR_FREE)).any()
