@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
+from shlex import quote
 
 from surveilnav.building_file import BuildingFile, load_building
 from surveilnav.cameras_file import CamerasFile, load_cameras
@@ -44,7 +45,22 @@ def read_files(path: Path) -> tuple[Files, list[Finding]]:
             findings.append(Finding(where, "ok", f"robot {name}"))
         except ConfigError as error:
             findings.append(Finding(where, "problem", str(error), f"correct it, or take {name} out of {path}"))
+    findings += _unreadable(files, [path.resolve(), files.building.cameras, *files.building.robots.values()])
     return Files(path, files.building, cameras, robots), findings
+
+
+def _unreadable(files: Files, paths: list[Path]) -> list[Finding]:
+    """Notes what a container, which runs as another user, can't read: of the files and of the folders that it sees."""
+    folder = files.path.resolve().parent
+    seen = dict.fromkeys(p for path in paths for p in (path, *path.parents) if p.is_relative_to(folder) and p.exists())
+    told = "containers run as another user, who can't read it"
+    findings = []
+    for p in seen:
+        right, bits = ("o+rx", 0o005) if p.is_dir() else ("o+r", 0o004)
+        if bits & ~p.stat().st_mode:
+            shown = str(files.shown(p))
+            findings.append(Finding(shown, "note", told, f"chmod {right} {quote(shown)}"))
+    return findings
 
 
 def _read_cameras(files: Files, findings: list[Finding]) -> CamerasFile | None:

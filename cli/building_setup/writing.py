@@ -16,7 +16,7 @@ from surveilnav.storage import TEMPORARY
 
 @dataclass(frozen=True, slots=True)
 class NewFile:
-    """A file to write. Containers run as another user, so all may read it, unless it is ``private``."""
+    """A file to write. Containers run as another user, so all may read it and its folder, unless it is ``private``."""
 
     content: bytes
     private: bool = False
@@ -68,6 +68,7 @@ def _make_folder(folder: Path, made: list[Path]) -> None:
     for path in reversed(missing):
         path.mkdir()
         made.append(path)
+        path.chmod(0o755)  # whatever the umask is
 
 
 @contextlib.contextmanager

@@ -137,6 +137,16 @@ def test_a_camera_with_a_mistake_is_named_and_the_others_are_looked_at(folder: P
     assert found["camera lobby, stream"]["level"] == "ok"
 
 
+def test_what_a_container_cannot_read_is_noted(folder: Path) -> None:
+    folder.chmod(0o755)
+    (folder / "building.yaml").chmod(0o644)
+    (folder / "cameras.yaml").chmod(0o600)
+    noted = {w: f["remedy"] for w, f in examined(folder)[1].items() if "another user" in f["detail"]}
+    assert noted == {str(folder / "cameras.yaml"): f"chmod o+r {folder / 'cameras.yaml'}"}
+    folder.chmod(0o700)
+    assert examined(folder)[1][str(folder)]["remedy"] == f"chmod o+rx {folder}"
+
+
 # --- cameras --------------------------------------------------------------------------------------------------------
 
 

@@ -127,8 +127,14 @@ def test_answers_become_files_that_every_reader_can_use(place: Path) -> None:
 
 
 def test_passwords_stand_in_a_file_of_their_own_which_only_its_owner_reads(place: Path) -> None:
-    assert from_answers().exit_code == 0
+    before = os.umask(0o077)
+    try:
+        assert from_answers().exit_code == 0
+    finally:
+        os.umask(before)
     folder = place / "hq"
+    folders = [folder, *(path for path in folder.rglob("*") if path.is_dir())]
+    assert all(stat.S_IMODE(path.stat().st_mode) == 0o755 for path in folders)
     assert stat.S_IMODE((folder / "passwords.env").stat().st_mode) == 0o600
     others = [path for path in folder.rglob("*") if path.is_file() and path.name != "passwords.env"]
     assert all(stat.S_IMODE(path.stat().st_mode) == 0o644 for path in others), "containers run as another user"

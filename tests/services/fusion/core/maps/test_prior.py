@@ -82,7 +82,7 @@ def test_frontiers_lie_where_seen_floor_borders_on_known_but_unseen(world):
     joint, alone = JointMap(with_prior()), JointMap()
     for k, maps in enumerate((joint, alone)):
         maps.accept(replace(world.view(1.0, 2.0, 0.0, -0.6, range_m=(0.1, 2.5)), stamp_ns=k), None)
-    grid, frontier = joint.layer("0", "frontier")
+    _, frontier = joint.layer("0", "frontier")
     rows, cols = np.nonzero(frontier)
     assert len(rows)
     occupancy = joint.layer("0", "occupancy")[1]
