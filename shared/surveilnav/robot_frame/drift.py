@@ -108,12 +108,12 @@ class DriftMonitor:
         )
 
     def _name(self, p_robot: ArrayLike) -> None:
-        """Finds the correction that most cameras ask for, if two do, and more than agree with the robot."""
+        """Finds the correction that most cameras ask for, if two do, and more than twice as many as agree with the robot."""
         best: tuple[str, ...] = ()
         for T in self.corrections.values():
             same = tuple(sorted(name for name, other in self.corrections.items() if _is_same(T, other, p_robot)))
             best = max(best, same, key=len)
-        if len(best) >= 2 and len(best) > len(self.agreeing):
+        if len(best) >= 2 and len(best) > 2 * len(self.agreeing):
             self.correction, self.witnesses = _mean([self.corrections[name] for name in best], p_robot), best
 
 
