@@ -35,7 +35,7 @@ _STARTS, _REFINED, _STEPS = 400, 4, 30
 #: Errors of a start's places [m]; a tag sits within so much of the robot's centre.
 _START_SIGMA_M, _TAG_SIGMA_M = 0.15, 0.3
 #: Squared distance up to which a sighting agrees, of 8 degrees of freedom, and the share of sightings that must.
-_AGREES_D2, _MIN_AGREEING = 32.0, 0.5
+_AGREES_D2, _MIN_AGREEING = 32.0, 0.6
 #: Of the frame, at the stops; beyond it is of no use.
 _MAX_SIGMA_M, _MAX_SIGMA_RAD = 0.15, math.radians(2.0)
 #: Errors of the first adjustments, in those of the last; and from which squared distance on a sighting loses weight in them.
@@ -84,7 +84,8 @@ def from_tag(
         raise FrameError(
             "contradictory",
             f"of {len(seen)} sightings of the tag, only {n} agree on where the robot's map lies: check the cameras' poses, the "
-            "tag's size and height, and whether the robot's localisation was right while it stopped",
+            "tag's size and height, and whether the robot's localisation was right while it stopped"
+            + _by_camera(best, seen, names),
         )
     return _found(best, seen, cameras, names)
 
@@ -102,6 +103,17 @@ class _Fit:
         T = self.T_building_map
         stops = np.concatenate([T.apply(seen.stops[:, :2]), seen.stops[:, 2:] + T.yaw_rad], axis=1)
         return State(cameras, self.T_robot_tag, stops)
+
+
+def _by_camera(best: _Fit | None, seen: Observations, names: list[str]) -> str:
+    """How many sightings of each camera agree, if there are several cameras."""
+    if best is None or len(names) < 2:
+        return ""
+    counts = [
+        f"{int((best.agree & (seen.camera == k)).sum())} of {int((seen.camera == k).sum())} by {name}"
+        for k, name in enumerate(names)
+    ]
+    return f". Those that agree: {', '.join(counts)}"
 
 
 def _rank(fit: _Fit) -> tuple[int, float]:

@@ -98,6 +98,15 @@ def test_a_camera_whose_pose_is_wrong_is_named():
     assert result.T_building_map.difference(FRAME, FRAME.inverse().apply((3.0, 0.0)))[0] < 0.08
 
 
+def test_two_cameras_that_contradict_each_other_are_told():
+    scene = around(0, n=40).with_errors(np.random.default_rng(0))
+    T = T_WORLD_CAMERA.copy()
+    T[:3, 3] += (0.7, 0.5, 0.0)
+    with pytest.raises(FrameError, match=r"0 of \d+ by (desk|lobby)") as error:
+        found(replace(scene, T_world_camera={**scene.T_world_camera, "lobby": T}))
+    assert error.value.name == "contradictory"
+
+
 @pytest.mark.parametrize(
     ("change", "name", "said"),
     [
