@@ -20,11 +20,11 @@ from surveilnav.robot_frame import (
     FoundFrame,
     PlanarTransform,
     from_point_pairs,
-    from_tag,
     load_nav2_map,
     match_maps,
 )
 from surveilnav.robot_frame.nav2_map import OCCUPIED, UNKNOWN
+from surveilnav.robot_frame.tag import from_tag
 
 _CELL_M = 0.05  # of the grid on which two map files are compared
 

@@ -193,7 +193,7 @@ def _adjusted(fit: _Fit, seen: Observations, cameras: _Array) -> _Fit:
             return _Fit(fit.T_building_map, fit.T_robot_tag, agree, math.inf)
         for _ in range(_STEPS):
             H, g, _ = _normal(fit, loose[agree], cameras, robust=factor > 1.0)
-            change = np.linalg.solve(H + 1e-9 * np.diag(np.diag(H)) + 1e-12 * np.eye(_N), g)
+            change = np.asarray(np.linalg.solve(H + 1e-9 * np.diag(np.diag(H)) + 1e-12 * np.eye(_N), g), np.float64)
             fit = _moved(fit, change, seen)
             if np.abs(change).max() < 1e-7:
                 break

@@ -14,7 +14,8 @@ from surveilnav.camera_pose.tag.detection import TagDetector
 from surveilnav.camera_pose.tag.sightings import Sightings
 from surveilnav.errors import FrameError
 from surveilnav.geometry import base_pose, camera_pose, inverse
-from surveilnav.robot_frame import PlanarTransform, from_tag
+from surveilnav.robot_frame import PlanarTransform
+from surveilnav.robot_frame.tag import from_tag
 from tests.tag_scenes import LENS, T_WORLD_CAMERA, random_stops, render_tag, scene_from_poses, tag_on_robot
 
 FRAME = PlanarTransform(12.4, -3.1, math.radians(91.5))

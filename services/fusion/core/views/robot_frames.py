@@ -237,7 +237,7 @@ class RobotFrames:
         for camera in suspects:
             if (
                 len(cameras) == 1  # there is nobody to tell, and a robot needs its own views more than a camera's
-                or any(robot.monitor.is_contradicted_by(camera) for robot in here)
+                or any(robot.monitor.is_contradicted_by(camera, robot.p) for robot in here)
                 or self._waiting[camera] > _MAX_WAITING
             ):
                 del self._waiting[camera]
@@ -311,8 +311,10 @@ def _add_word(said: dict[str, PlanarTransform | None], camera: str, found: PoseC
     is_much_better = found.score >= max(_MIN_CORRECTED, _TIMES_CORRECTED * found.described_score)
     if large and found.is_clear and is_much_better:
         said[camera] = correction
-    elif found.score >= _MIN_SCORE and (not large or found.score <= _TIMES_DESCRIBED * found.described_score):
-        said[camera] = None
+    elif found.score >= _MIN_SCORE:
+        is_as_described = found.score <= _TIMES_DESCRIBED * found.described_score
+        if is_as_described or (found.is_clear and not large):
+            said[camera] = None
 
 
 def _add_answer(
