@@ -2,6 +2,7 @@
 
 Where a camera and a robot disagree, either may be wrong. Only a second camera can tell: if two cameras that see the same robot
 ask for the same correction, the robot's frame is wrong; if only one does and another agrees with the robot, that camera is.
+Where it is two against one, it can't be told yet.
 Cameras that are wrong by themselves, but in the same way, don't happen.
 """
 
@@ -72,9 +73,12 @@ class DriftMonitor:
             elif disagreeing:
                 self._name(p_robot)  # it may have moved farther
 
-    def is_contradicted_by(self, camera: str) -> bool:
-        """Whether this camera is the one that is wrong: it alone disagrees with the robot, and another agrees."""
-        return camera in self.corrections and self.correction is None and bool(self.agreeing - {camera})
+    def is_contradicted_by(self, camera: str, p_robot: ArrayLike) -> bool:
+        """Whether this camera is the one that is wrong: no other asks for its correction, and another agrees with the robot."""
+        own = self.corrections.get(camera)
+        if own is None or self.correction is not None or not self.agreeing:
+            return False
+        return not any(name != camera and _is_same(own, T, p_robot) for name, T in self.corrections.items())
 
     def forget(self, camera: str) -> None:
         """Forgets what a camera has said."""
@@ -108,12 +112,12 @@ class DriftMonitor:
         )
 
     def _name(self, p_robot: ArrayLike) -> None:
-        """Finds the correction that most cameras ask for, if two do, and more than agree with the robot."""
+        """Finds the correction that most cameras ask for, if two do, and more than twice as many as agree with the robot."""
         best: tuple[str, ...] = ()
         for T in self.corrections.values():
             same = tuple(sorted(name for name, other in self.corrections.items() if _is_same(T, other, p_robot)))
             best = max(best, same, key=len)
-        if len(best) >= 2 and len(best) > len(self.agreeing):
+        if len(best) >= 2 and len(best) > 2 * len(self.agreeing):
             self.correction, self.witnesses = _mean([self.corrections[name] for name in best], p_robot), best
 
 

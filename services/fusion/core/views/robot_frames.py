@@ -31,9 +31,11 @@ _SAMPLES, _MAX_OF_VIEW, _MIN_RANGE_M, _MAX_RANGE_M = 40, 200, 0.05, 5.0
 #: Points are compared with a camera that has measured something so near, if so many are. At most so many cameras are asked.
 _NEAR_M, _MIN_NEAR, _MAX_ASKED = 0.6, 300, 4
 #: What one camera says is put to so many others. They answer if points fit so well, and so many times as well as otherwise.
-_MAX_TESTED, _MIN_TEST_SCORE, _TIMES_TESTED = 12, 0.3, 1.3
+_MAX_TESTED, _MIN_TEST_SCORE, _TIMES_TESTED = 12, 0.4, 1.5
 #: The description is right if points fit so well by it, and so nearly as well as by the best correction.
 _MIN_SCORE, _TIMES_DESCRIBED = 0.45, 1.3
+#: A correction is asked for if points fit so well by it, and so many times as well.
+_MIN_CORRECTED, _TIMES_CORRECTED = 0.5, 1.5
 #: A robot is compared if a smaller share of its points lies in such a cell that cameras have measured, or beside one. It is 0.98
 #: and more of healthy robots, and 0.5 to 0.85 of one that is off by 0.5 m.
 _CELL_M, _MIN_SHARE = 0.1, 0.9
@@ -235,7 +237,7 @@ class RobotFrames:
         for camera in suspects:
             if (
                 len(cameras) == 1  # there is nobody to tell, and a robot needs its own views more than a camera's
-                or any(robot.monitor.is_contradicted_by(camera) for robot in here)
+                or any(robot.monitor.is_contradicted_by(camera, robot.p) for robot in here)
                 or self._waiting[camera] > _MAX_WAITING
             ):
                 del self._waiting[camera]
@@ -306,10 +308,13 @@ def _add_word(said: dict[str, PlanarTransform | None], camera: str, found: PoseC
     x, y = p + np.array([found.x_m, found.y_m]) - turn.apply(p)
     correction = PlanarTransform(float(x), float(y), found.yaw_rad)
     large = is_large(correction, p)
-    if large and found.is_clear:
+    is_much_better = found.score >= max(_MIN_CORRECTED, _TIMES_CORRECTED * found.described_score)
+    if large and found.is_clear and is_much_better:
         said[camera] = correction
-    elif found.score >= _MIN_SCORE and (not large or found.score <= _TIMES_DESCRIBED * found.described_score):
-        said[camera] = None
+    elif found.score >= _MIN_SCORE:
+        is_as_described = found.score <= _TIMES_DESCRIBED * found.described_score
+        if is_as_described or (found.is_clear and not large):
+            said[camera] = None
 
 
 def _add_answer(

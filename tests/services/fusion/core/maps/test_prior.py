@@ -72,7 +72,7 @@ def test_what_is_seen_overrules_it(looked):
     assert at(looked, "occupancy", 2.0, 2.0) == 0, "the wall that is gone: its floor was seen"
     assert at(looked, "explored", 1.5, 2.0) == 1
     assert at(looked, "occupancy", 1.5, 2.0) == 0
-    _, occupancy = looked.layer("0", "occupancy")
+    occupancy = looked.layer("0", "occupancy")[1]
     assert (occupancy == OBSTACLE).any()
     explored = looked.layer("0", "explored")[1] != 0
     assert not (explored & (occupancy == PRIOR_FREE)).any()
@@ -82,7 +82,7 @@ def test_frontiers_lie_where_seen_floor_borders_on_known_but_unseen(world):
     joint, alone = JointMap(with_prior()), JointMap()
     for k, maps in enumerate((joint, alone)):
         maps.accept(replace(world.view(1.0, 2.0, 0.0, -0.6, range_m=(0.1, 2.5)), stamp_ns=k), None)
-    _, frontier = joint.layer("0", "frontier")
+    frontier = joint.layer("0", "frontier")[1]
     rows, cols = np.nonzero(frontier)
     assert len(rows)
     occupancy = joint.layer("0", "occupancy")[1]
