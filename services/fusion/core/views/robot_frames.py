@@ -244,6 +244,12 @@ class RobotFrames:
                 return camera
         return ""
 
+    def forget_camera(self, source: str) -> None:
+        """Forgets what a camera has said, since it is another one now."""
+        self._waiting.pop(source, None)
+        for robot in self._robots.values():
+            robot.monitor.forget(source)
+
     def state(self) -> dict[str, Any]:
         """Everything as plain arrays and values, for ``adopt``."""
         return {
