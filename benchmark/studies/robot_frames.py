@@ -3,8 +3,9 @@
     python -m surveilnav.benchmark.studies.robot_frames --searches 4 --cameras 6
 
 The golden run's buildings and searches are played with more cameras, by a robot that drives to waypoints and has a localisation
-of its own. Its map's place in the building is wrong from the start, or jumps after 3 m. A camera that is put into quarantine is
-accused wrongly: all of them hang where they are described.
+of its own. Its map's place in the building is wrong from the start, or jumps after 3 m. A camera that is put into quarantine then
+is accused wrongly: all of them hang where they are described. In two more arms it is the camera nearest to the start that isn't
+where it is described, and the robot is healthy.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from surveilnav.benchmark.play.episode import EpisodeResult
 from surveilnav.benchmark.play.sight import ROBOT
 from surveilnav.benchmark.runner.search import search, sight_of
 from surveilnav.benchmark.runner.settings import RunSettings
+from surveilnav.benchmark.studies.bad_cameras import MISTAKES, OneBadCamera
 from surveilnav.sensing.views import PosedView
 from surveilnav.services.fusion.core import JointMap
 from surveilnav.services.fusion.core.views.robot_frames import FrameProblem
@@ -38,17 +40,27 @@ ARMS: Mapping[str, Mapping[str, float]] = {
     "frame off by 0.2 m and 3 degrees": _HEALTHY | {"frame_m": 0.2, "frame_deg": 3.0},
     "frame off by 0.5 m": _HEALTHY | {"frame_m": 0.5},
     "jump of 0.5 m after 3 m": _HEALTHY | {"jump_m": 0.5, "jump_after_m": 3.0},
+    "healthy, a camera turned by 10 degrees": _HEALTHY,
+    "healthy, a camera 50 cm beside": _HEALTHY,
 }
 
 
 @dataclass
 class Row:
-    """What came of the searches of one arm. ``named_at``: observations of the robot until it was named, of those named."""
+    """What came of the searches of one arm.
+
+    Attributes:
+        named_at: observations of the robot until it was named, of those named.
+        errors: of these, by how much the correction was wrong [m, degrees].
+        n_accused: healthy cameras that were put into quarantine.
+        n_bad: wrong cameras that were.
+    """
 
     results: list[EpisodeResult] = field(default_factory=list)
     named_at: list[int] = field(default_factory=list)
     errors: list[tuple[float, float]] = field(default_factory=list)
     n_accused: int = 0
+    n_bad: int = 0
 
     def text(self, name: str) -> str:
         n = len(self.results)
@@ -58,12 +70,14 @@ class Row:
             error = f"{median(m for m, _ in self.errors):.2f} m, {median(deg for _, deg in self.errors):.1f}°"
         found = sum(r.verdict.success for r in self.results)
         steps = median(r.steps for r in self.results) if n else 0
-        return f"| {name} | {len(self.named_at)} of {n} | {at} | {error} | {self.n_accused} | {found} of {n} | {steps:.0f} |"
+        bad = f"{self.n_bad} of {n}" if "camera" in name else "–"
+        named = f"{len(self.named_at)} of {n}"
+        return f"| {name} | {named} | {at} | {error} | {self.n_accused} | {bad} | {found} of {n} | {steps:.0f} |"
 
 
 HEADER = (
-    "| the robot | named | after so many of its views | error of the correction | cameras accused | found | steps, median |\n"
-    "|---|---|---|---|---|---|---|"
+    "| the robot | named | after so many of its views | error of the correction | healthy cameras accused | wrong camera found "
+    "| target found | steps, median |\n|---|---|---|---|---|---|---|---|"
 )
 
 
@@ -89,9 +103,25 @@ def play(golden: canary.Search, n_cameras: int, arm: str, row: Row) -> str:
         accused.update(joint.quarantine.reasons())
 
     sight = sight_of(building, choose_backend("simulated"), settings)
-    result = search(sight, settings, goals, start, seed=1, goal_on_floor=at.floor in goals.viewpoints, on_step=on_step)
+    mistake = next((name for name in MISTAKES if arm.endswith(f"a camera {name}")), "")
+    here = [info for info in sight.infos if info.floor == at.floor]
+    nearest = min(
+        here, key=lambda info: math.dist((at.x_m, at.y_m), info.views[0].T_world_camera.matrix()[:2, 3])
+    ).camera
+    result = search(
+        sight,
+        settings,
+        goals,
+        start,
+        seed=1,
+        goal_on_floor=at.floor in goals.viewpoints,
+        cameras=OneBadCamera(sight, settings, nearest, MISTAKES[mistake]) if mistake else None,
+        on_step=on_step,
+    )
     row.results.append(result)
-    row.n_accused += len(accused)
+    bad = {f"camera/{nearest}"} if mistake else set()
+    row.n_bad += len(accused & bad)
+    row.n_accused += len(accused - bad)
     said = "not named"
     if named:
         seq, problem = named[0]

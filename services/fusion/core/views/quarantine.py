@@ -235,6 +235,8 @@ class Quarantine:
     def forget(self, source: str) -> None:
         """Forgets what a camera's views have shown, so that it is believed until they show it again."""
         self._cameras.pop(source, None)
+        self._excused.pop(source, None)
+        self.frames.forget_camera(source)
 
     def state_of(self, source: str) -> dict[str, Any] | None:
         """What is known of a camera, for ``adopt``; None if nothing is."""
@@ -271,6 +273,7 @@ class Quarantine:
         text = view.T_world_camera.tobytes() + repr((view.camera, view.mounting_offset_m)).encode()
         description = hashlib.blake2b(text, digest_size=8).hexdigest()
         if camera.descriptions.setdefault(view.view, description) != description:  # it was calibrated anew
+            self.forget(view.source)
             camera = self._cameras[view.source] = _Camera({view.view: description})
         camera.place = (float(view.T_world_camera[0, 3]), float(view.T_world_camera[1, 3]), float(view.floor_z_m))
         return camera

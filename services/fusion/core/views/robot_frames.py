@@ -30,6 +30,8 @@ _MAX_KEPT, _MIN_KEPT, _STEP_M, _STEP_RAD = 12, 4, 0.2, math.radians(15.0)
 _SAMPLES, _MAX_OF_VIEW, _MIN_RANGE_M, _MAX_RANGE_M = 40, 200, 0.05, 5.0
 #: Points are compared with a camera that has measured something so near, if so many are. At most so many cameras are asked.
 _NEAR_M, _MIN_NEAR, _MAX_ASKED = 0.6, 300, 4
+#: Unclear corrections of several cameras count if they are this similar, and not larger than this.
+_COINCIDE_M, _COINCIDE_RAD, _MAX_UNCLEAR_M = 0.2, math.radians(2.5), 0.9
 #: What one camera says is put to so many others. They answer if points fit so well, and so many times as well as otherwise.
 _MAX_TESTED, _MIN_TEST_SCORE, _TIMES_TESTED = 12, 0.4, 1.5
 #: The description is right if points fit so well by it, and so nearly as well as by the best correction.
@@ -133,10 +135,12 @@ class _Robot:
                 overlaps.append((-len(near), camera, near, others))
         overlaps.sort(key=lambda found: found[:2])
         said: dict[str, PlanarTransform | None] = {}
+        unclear: dict[str, PlanarTransform] = {}
         for _, camera, near, others in overlaps[:_MAX_ASKED]:
             found = fit_pose(near, others, self.p, floor_z_m)
             if found is not None:
-                _add_word(said, camera, found, self.p)
+                _add_word(said, unclear, camera, found, self.p)
+        _add_coinciding(said, unclear, self.p)
         # what one camera says is put to the others: to see that it is so takes less than to find it
         by, hypothesis = self._hypothesis(said)
         if hypothesis is not None:
@@ -244,6 +248,12 @@ class RobotFrames:
                 return camera
         return ""
 
+    def forget_camera(self, source: str) -> None:
+        """Forgets what a camera has said, since it is another one now."""
+        self._waiting.pop(source, None)
+        for robot in self._robots.values():
+            robot.monitor.forget(source)
+
     def state(self) -> dict[str, Any]:
         """Everything as plain arrays and values, for ``adopt``."""
         return {
@@ -302,8 +312,14 @@ def _share_beside(points: _Points, others: _Points) -> float:
     return float(there[tuple(np.floor((points - low) / _CELL_M).astype(np.int64).T)].mean())
 
 
-def _add_word(said: dict[str, PlanarTransform | None], camera: str, found: PoseCorrection, p: _Points) -> None:
-    """Adds what a camera says of a robot at (2,) ``p``, if that is clear."""
+def _add_word(
+    said: dict[str, PlanarTransform | None],
+    unclear: dict[str, PlanarTransform],
+    camera: str,
+    found: PoseCorrection,
+    p: _Points,
+) -> None:
+    """Adds what a camera says of a robot at (2,) ``p``, if that is clear; else to ``unclear``, if it is a correction."""
     turn = PlanarTransform(0.0, 0.0, found.yaw_rad)
     x, y = p + np.array([found.x_m, found.y_m]) - turn.apply(p)
     correction = PlanarTransform(float(x), float(y), found.yaw_rad)
@@ -315,6 +331,26 @@ def _add_word(said: dict[str, PlanarTransform | None], camera: str, found: PoseC
         is_as_described = found.score <= _TIMES_DESCRIBED * found.described_score
         if is_as_described or (found.is_clear and not large):
             said[camera] = None
+    at_the_end = max(abs(found.x_m), abs(found.y_m)) > _MAX_UNCLEAR_M  # of what was tried: the best may lie beyond it
+    if camera not in said and large and not at_the_end and found.score >= _TIMES_DESCRIBED * found.described_score:
+        unclear[camera] = correction
+
+
+def _add_coinciding(
+    said: dict[str, PlanarTransform | None], unclear: Mapping[str, PlanarTransform], p: _Points
+) -> None:
+    """Adds unclear corrections that coincide: by chance, those of three cameras don't, nor does one with a clear one."""
+    clear = {camera: T for camera, T in said.items() if T is not None}
+    corrections = {**unclear, **clear}
+    for camera, T in unclear.items():
+        same = {name for name, other in corrections.items() if name != camera and _coincide(T, other, p)}
+        if len(same) >= 2 or same & clear.keys():
+            said[camera] = T
+
+
+def _coincide(one: PlanarTransform, other: PlanarTransform, p: _Points) -> bool:
+    off_m, off_rad = one.difference(other, p)
+    return off_m <= _COINCIDE_M and off_rad <= _COINCIDE_RAD
 
 
 def _add_answer(

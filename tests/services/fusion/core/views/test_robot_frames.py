@@ -142,3 +142,12 @@ def test_what_is_known_of_a_robot_outlasts_a_restart(cameras, walk):
             accept(maps, off[30:], 200)
     assert restored.quarantine.frames.problems() == joint.quarantine.frames.problems()
     assert dump(restored) == dump(joint)
+
+
+def test_what_a_camera_said_is_forgotten_when_it_is_described_anew(cameras, walk):
+    joint = mapped(cameras, "camera/a", "camera/b")
+    frames = joint.quarantine.frames
+    accept(joint, [elsewhere(view, OFF) for view in walk[:9]])
+    frames._robots["robot/r"].monitor.corrections = {"camera/a": OFF, "camera/b": OFF}
+    accept(joint, [replace(elsewhere(cameras["camera/a"][0], OFF), seq=1)], 500)
+    assert list(frames._robots["robot/r"].monitor.corrections) == ["camera/b"]
