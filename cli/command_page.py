@@ -14,6 +14,7 @@ from surveilnav.cli.main import app
 
 #: What ``--json`` prints, by command: `Name` is a resource of REST.
 SHAPES: dict[str, str] = {
+    "init": "`folder`, `files`, `next` (commands)",
     "demo": "the run's `run.json`",
     "prepare": "`building`, `floors`, `cameras`, `perception`, `notes`, `seconds`",
     "buildings": "items: `name`, `about`, `floors`, `rooms`, `area_m2`",
@@ -48,7 +49,7 @@ SHAPES: dict[str, str] = {
     "robots": "items: `Robot`",
     "robots remove": "`Removal`, when it has ended",
     "robots check": "`checks`: `part`, `ok`, `message` each",
-    "robots frame": "`T_building_map`, `residual_m`, `left_out` (numbers of pairs), `written`",
+    "robots frame": "`T_building_map`, `residual_m`, `left_out` (numbers of pairs or stops), `written`",
     "stop": "items: `RobotHalt`",
     "release": "items: `RobotHalt`",
     "backup": "`file`, `bytes`, `program`, `created`, `contents` (items: `name`, `bytes`, numbers of what is in it), `left_out`",

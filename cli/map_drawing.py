@@ -10,6 +10,7 @@ from operator import itemgetter
 
 from rich.text import Text
 
+from surveilnav.occupancy import PRIOR_FREE, PRIOR_OBSTACLE
 from surveilnav.rest import Camera, Layer, Object, Robot
 
 #: The cells of a layer: rows of numbers, row 0 the southernmost; NaN where nothing is known.
@@ -19,8 +20,10 @@ Cells = Sequence[Sequence[float]]
 _ASPECT = 2
 #: (character, style, what it is), the later over the earlier.
 _MARKS = {
+    "prior_free": ("-", "green", "free by a map from before"),
     "explored": ("·", "bright_black", "explored"),
     "frontier": ("?", "yellow", "frontier"),
+    "prior_obstacle": ("+", "green", "wall by a map from before"),
     "occupancy": ("#", "", "obstacle"),
     "camera": ("C", "bold magenta", "camera"),
     "object": ("o", "bold green", "confirmed object"),
@@ -56,6 +59,7 @@ def draw(
         place: where the cells lie in the world.
         objects: with all three coordinates of their centre.
     """
+    layers = {**layers, **_prior(layers["occupancy"])}
     top, left, rows, cols = _extent(layers)
     n = max(1, math.ceil(cols / width))
     cut = {
@@ -65,7 +69,7 @@ def draw(
     if "value" in cut:
         board.shade(cut.pop("value"))
         del cut["explored"], cut["frontier"]
-    for name in ("explored", "frontier", "occupancy"):
+    for name in ("prior_free", "explored", "frontier", "prior_obstacle", "occupancy"):
         if name in cut:
             board.mark(cut[name], *_MARKS[name][:2])
     cells = _Cells(place, top, left, n)
@@ -77,7 +81,20 @@ def draw(
         arrow = _ARROWS[round(robot.yaw_rad / (math.pi / 2)) % 4]
         board.put(cells.of(*robot.position_m[:2]), arrow, _MARKS["robot"][1])
     resolution_m = place.resolution_m * n
-    return Drawing(board.lines(), _legend("value" in layers), resolution_m, resolution_m * _ASPECT)
+    return Drawing(
+        board.lines(), _legend("value" in layers, "prior_free" in layers), resolution_m, resolution_m * _ASPECT
+    )
+
+
+def _prior(occupancy: Cells) -> dict[str, Cells]:
+    """The occupancy layer without what only a map from before has, and that as two layers of 0 and 1; {} if there is none."""
+    if not any(value in (PRIOR_FREE, PRIOR_OBSTACLE) for row in occupancy for value in row):
+        return {}
+    return {
+        "occupancy": [[0 if value in (PRIOR_FREE, PRIOR_OBSTACLE) else value for value in row] for row in occupancy],
+        "prior_free": [[int(value == PRIOR_FREE) for value in row] for row in occupancy],
+        "prior_obstacle": [[int(value == PRIOR_OBSTACLE) for value in row] for row in occupancy],
+    }
 
 
 def _extent(layers: Mapping[str, Cells]) -> tuple[int, int, int, int]:
@@ -176,7 +193,8 @@ def _line(characters: Sequence[str], styles: Sequence[str]) -> Text:
     return Text.assemble(*(("".join(c for c, _ in piece), style) for style, piece in pieces))
 
 
-def _legend(values: bool) -> Text:
-    shown = [mark for name, mark in _MARKS.items() if not (values and name in ("explored", "frontier"))]
+def _legend(values: bool, prior: bool) -> Text:
+    hidden = {*(("explored", "frontier") if values else ()), *(() if prior else ("prior_free", "prior_obstacle"))}
+    shown = [mark for name, mark in _MARKS.items() if name not in hidden]
     legend = Text("  ").join(Text.assemble((character, style), f" {what}") for character, style, what in shown)
     return Text.assemble(legend, f"  {_SHADES[1:]} value, low to high") if values else legend

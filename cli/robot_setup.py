@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from surveilnav.cli.extras import needs
-from surveilnav.cli.options import AsJson, print_json, results
+from surveilnav.cli.options import DEFAULT_URL, AsJson, Url, print_json, results
 
 if TYPE_CHECKING:
     from surveilnav.robot_frame import FoundFrame
@@ -41,23 +40,52 @@ def check(
 def frame(
     file: File,
     pair: Annotated[
-        list[str],
+        list[str] | None,
         typer.Option(
             metavar="X,Y=X,Y",
-            help="A place in the building and the same place in the robot's map [m], such as 3.2,1.0=0.4,-2.1. At least two; "
-            "with four or more, one that is wrong is found.",
+            help="A place in the building and the same place in the robot's map, in metres, such as 3.2,1.0=0.4,-2.1. At least "
+            "two; with four or more, one that is wrong is found.",
         ),
-    ],
+    ] = None,
+    sightings: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="Sightings of the robot's tag, as `surveilnav cameras calibrate-tag` keeps them."
+        ),
+    ] = None,
+    cameras: Annotated[
+        Path, typer.Option(metavar="FILE", help="With --sightings: the cameras that saw the tag, and their poses.")
+    ] = Path("cameras.yaml"),
+    map_file: Annotated[
+        Path | None,
+        typer.Option(
+            "--map",
+            metavar="FILE",
+            help="The robot's map (map.yaml), which is matched with the joint map of its floor.",
+        ),
+    ] = None,
+    building: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="With --map: match it with the map that this building file names, instead."),
+    ] = None,
+    url: Url = DEFAULT_URL,
     write: Annotated[bool, typer.Option("--write", help="Write T_building_map into the file.")] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Find where a robot's map lies in the building, from places that are known in both."""
+    """Find where a robot's map lies in the building: from places known in both, from its tag in cameras, or from its map."""
+    from surveilnav.cli.finding_frame import by_map, by_pairs, by_tag
     from surveilnav.robot_file import load_robot, write_frame
-    from surveilnav.robot_frame import from_point_pairs
 
-    load_robot(file)
-    places = [_places(text) for text in pair]
-    found = from_point_pairs([b for b, _ in places], [m for _, m in places])
+    if sum(map(bool, (pair, sightings, map_file))) != 1:
+        raise typer.BadParameter("give exactly one of --pair (several times), --sightings and --map")
+    robot = load_robot(file)
+    if pair:
+        found = by_pairs(pair)
+    elif sightings:
+        found = by_tag(robot, sightings, cameras)
+    else:
+        assert map_file is not None
+        found = by_map(robot, map_file, building, url)
     if write:
         write_frame(file, found.T_building_map)
     _print_frame(found, file, as_json, written=write)
@@ -82,16 +110,3 @@ def _print_frame(found: FoundFrame, file: Path, as_json: bool, *, written: bool)
     text = ", ".join(f"{name}: {value:g}" for name, value in entry.items())
     say = f"written to {file}" if written else "not written (--write does)"
     results.print(f"T_building_map: {{{text}}}   {say}", soft_wrap=True, highlight=False, markup=False)
-
-
-def _places(text: str) -> tuple[Sequence[float], Sequence[float]]:
-    """The two places of ``x,y=x,y``."""
-    try:
-        building, map_ = ([float(v) for v in side.split(",")] for side in text.split("="))
-        if len(building) != 2 or len(map_) != 2:
-            raise ValueError
-    except ValueError:
-        raise typer.BadParameter(
-            f"expected a place in the building and one in the map, such as 3.2,1.0=0.4,-2.1, got {text!r}"
-        ) from None
-    return building, map_

@@ -29,7 +29,7 @@ from surveilnav.services.perception.config import PerceptionSettings
 from surveilnav.services.planner.config import PlannerSettings
 from surveilnav.services.recorder.config import RecorderSettings
 from surveilnav.services.robot_node.config import RobotSettings
-from surveilnav.simulator.hardware.config import RobotHardwareSettings
+from surveilnav.simulator.hardware.config import CameraHardwareSettings, RobotHardwareSettings
 from surveilnav.simulator.simulation import SimulationSettings
 
 _BEGINNING = """\
@@ -112,6 +112,7 @@ SECTIONS = (
     Section("Past pictures: fusion and demo", "shared/surveilnav/pictures.py", PictureSettings),
     Section("The simulated building", "simulator/simulation.py", SimulationSettings),
     Section("The simulated ROS 2 robot", "simulator/hardware/config.py", RobotHardwareSettings),
+    Section("Simulated RTSP cameras", "simulator/hardware/config.py", CameraHardwareSettings),
     Section("Camera", "services/camera_node/config.py", CameraSettings),
     Section("Robot", "services/robot_node/config.py", RobotSettings),
     Section("Perception", "services/perception/config.py", PerceptionSettings),

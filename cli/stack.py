@@ -7,7 +7,7 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
@@ -108,16 +108,8 @@ class Stack:
     def start(self, name: str) -> None:
         """Starts (again) the service of that name."""
         program = self._programs()[name]
-        with self.log_of(name).open("ab") as log:
-            self.processes[name] = subprocess.Popen(
-                [sys.executable, "-m", program.module, *program.arguments],
-                env={**os.environ, **self.environment, **program.more, **self._identity(name), ENDS_WITH_STDIN: "1"},
-                # Nobody writes to it: it breaks when this process is gone, also by `kill -9`, and the service ends.
-                stdin=subprocess.PIPE,
-                stdout=log,
-                stderr=log,
-                start_new_session=True,
-            )
+        variables = {**self.environment, **program.more, **self._identity(name)}
+        self.processes[name] = launch(program.module, program.arguments, variables, self.log_of(name))
 
     def _identity(self, name: str) -> dict[str, str]:
         """The environment variables by which the service of that name has its identity."""
@@ -187,11 +179,26 @@ class Stack:
     def stop(self) -> None:
         """SIGTERM to all but the router, then the router; SIGKILL to what doesn't go."""
         services = [p for name, p in self.processes.items() if name != "router"]
-        _terminate(services)
-        _terminate([p for name, p in self.processes.items() if name == "router"])
+        terminate(services)
+        terminate([p for name, p in self.processes.items() if name == "router"])
 
 
-def _terminate(processes: list[subprocess.Popen[bytes]]) -> None:
+def launch(module: str, arguments: Sequence[str], variables: dict[str, str], log: Path) -> subprocess.Popen[bytes]:
+    """Starts a module as a process that ends with this one. ``variables``: added to this process's environment."""
+    with log.open("ab") as out:
+        return subprocess.Popen(
+            [sys.executable, "-m", module, *arguments],
+            env={**os.environ, **variables, ENDS_WITH_STDIN: "1"},
+            # Nobody writes to it: it breaks when this process is gone, also by `kill -9`, and the service ends.
+            stdin=subprocess.PIPE,
+            stdout=out,
+            stderr=out,
+            start_new_session=True,
+        )
+
+
+def terminate(processes: Sequence[subprocess.Popen[bytes]]) -> None:
+    """SIGTERM to all, and SIGKILL to what doesn't go in time."""
     for process in processes:
         if process.poll() is None:
             process.terminate()

@@ -88,6 +88,13 @@ def up(
             help="Encrypt the bus, and give each process its identity from this folder of `surveilnav security init`.",
         ),
     ] = None,
+    as_real: Annotated[
+        bool,
+        typer.Option(
+            "--as-real",
+            help="Run the building's cameras and robot as hardware, which the services meet by RTSP and ROS 2 alone.",
+        ),
+    ] = False,
 ) -> None:
     """Start the router and all services for a simulated building, and keep them running until Ctrl-C."""
     from surveilnav.cli.up import run_up
@@ -104,6 +111,7 @@ def up(
         logs=logs,
         record=record is OnOff.on,
         security=security,
+        as_real=as_real,
     )
 
 

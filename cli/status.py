@@ -129,6 +129,8 @@ def show_robots(rows: list[Any], console: Console) -> None:
     if rows:
         listing(console, columns, rows)
     for row in rows:
+        if row.frame_problem:
+            console.print(plain(row.frame_problem), markup=False, style="red", soft_wrap=True)
         for note in row.notes:
             console.print(Padding(Text(plain(f"note: {note}")), (0, 0, 0, 2)))
 

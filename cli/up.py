@@ -5,12 +5,15 @@ from __future__ import annotations
 import os
 import signal
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 from rich.console import Console
 
 from surveilnav.bus import Node
 from surveilnav.camera_plan import CameraPlan
+from surveilnav.cli.hardware import Hardware
 from surveilnav.cli.progress import bar
 from surveilnav.cli.stack import Stack, bus_name, environment
 from surveilnav.cli.supervisor import Supervisor
@@ -39,8 +42,12 @@ def run_up(
     logs: Path,
     record: bool,
     security: Path | None = None,
+    as_real: bool = False,
 ) -> None:
-    """Prepares the building, starts everything, and waits."""
+    """Prepares the building, starts everything, and waits.
+
+    ``as_real``: cameras and robot are hardware of the simulated building, and SurveilNav meets them on their wires alone.
+    """
     settings = SimulationSettings(
         building=building,
         seed=seed,
@@ -67,7 +74,8 @@ def run_up(
     names = [camera.name for camera in plan.cameras] if surveillance else []
     stopping = _set_by_signals()
     with (
-        Stack(variables, logs, names, gateway=True, recorder=record, security=folder) as stack,
+        _hardware(console, variables, logs) if as_real else nullcontext(dict[str, str]()) as real,
+        Stack(variables | real, logs, names, gateway=True, recorder=record, security=folder) as stack,
         Node("cli", "up", stack.bus, alive=False) as node,
     ):
         stack.wait_ready(node, 120.0)  # what ends before all are ready has a reason that no restart mends
@@ -93,6 +101,20 @@ def _prepare(console: Console, settings: SimulationSettings) -> CameraPlan:
     for note in simulated.notes:
         console.print(f"note: {note}", markup=False)
     return plan
+
+
+@contextmanager
+def _hardware(console: Console, variables: dict[str, str], logs: Path) -> Iterator[dict[str, str]]:
+    """Runs the simulated building's cameras and robot as hardware; yields the services' settings that lead to them."""
+    logs.mkdir(parents=True, exist_ok=True)
+    with Hardware(variables, logs) as hardware:
+        console.print(
+            f"hardware: cameras at {hardware.rtsp}, a ROS 2 robot at {hardware.ros_router}; the building is described in "
+            f"{hardware.building_file}",
+            markup=False,
+            soft_wrap=True,
+        )
+        yield hardware.settings()
 
 
 def _security(path: Path | None, building: str) -> SecurityFolder | None:

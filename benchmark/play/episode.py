@@ -229,7 +229,7 @@ def _integrate_view(joint: JointMap, seen: SeenView) -> str:
     try:
         done = joint.accept(seen.view, seen.perception)
     except ViewError as error:
-        if error.name not in ("no_depth", "geometry_disagrees", "quarantined"):
+        if error.name not in ("no_depth", "geometry_disagrees", "quarantined", "frame_disagrees"):
             raise
         return joint.floor_at(seen.view.floor_z_m)
     return done.floor if done is not None else ""

@@ -12,6 +12,7 @@ from surveilnav.benchmark.policies import Task, Truth, policy_of
 from surveilnav.benchmark.runner.settings import RunSettings
 from surveilnav.camera_plan import CameraPlan
 from surveilnav.perception.backend import Backend
+from surveilnav.services.fusion.core import FusionConfig
 from surveilnav.services.planner.core.motion.drive import FmmPlanner, LocalPlanner
 from surveilnav.services.planner.core.motion.waypoint_driving import WaypointPlanner
 from surveilnav.simulator.simulation import SimulatedBuilding
@@ -52,6 +53,7 @@ def search(
     fused: FusedCameras | None = None,
     cameras: Cameras | None = None,
     on_step: OnStep | None = None,
+    fusion: FusionConfig | None = None,
 ) -> EpisodeResult:
     """Plays a search for ``goals.label`` from ``start``, the same whenever it is played.
 
@@ -60,6 +62,7 @@ def search(
         seed: the luck of perception and policy.
         goal_on_floor: it begins on a floor with a goal, and the searcher is told so.
         fused, cameras, on_step: see ``Episode``.
+        fusion: settings of the joint maps; None: those of ``settings``.
     """
     policy, navigation = policy_of(settings.policy), sight.building.navigation
     task = Task(
@@ -77,7 +80,7 @@ def search(
         start,
         policy.begin(task),
         surveillance=settings.surveillance,
-        fusion=settings.fusion_config(),
+        fusion=fusion or settings.fusion_config(),
         fused=fused,
         delay_steps=settings.delay_steps,
         views_per_step=settings.views_per_step,

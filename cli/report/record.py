@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from surveilnav.geometry import Grid
 from surveilnav.messages import CameraInfo, MissionStatus, ObjectRecord, Plan, TrafficReport
+from surveilnav.occupancy import PRIOR_FREE
 from surveilnav.services.gateway.core.traffic import sum_traffic
 from surveilnav.words import canonical
 
@@ -53,7 +54,8 @@ class MapMoment(NamedTuple):
     @staticmethod
     def pack(explored: NDArray[np.uint8], occupancy: NDArray[np.uint8]) -> bytes:
         """Both layers (rows, cols) as one of 0 (unknown), 1 (explored) or 2 (obstacle), compressed."""
-        cells = np.where(occupancy != 0, 2, explored != 0).astype(np.uint8)
+        is_obstacle = (occupancy != 0) & (occupancy != PRIOR_FREE)
+        cells = np.where(is_obstacle, 2, explored != 0).astype(np.uint8)
         return zlib.compress(cells.tobytes(), 1)
 
     @property

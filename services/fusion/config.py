@@ -15,6 +15,7 @@ from pydantic_settings import BaseSettings, SettingsConfigDict
 from surveilnav.contract import ID
 from surveilnav.errors import ConfigError
 from surveilnav.services.fusion.core import FusionConfig
+from surveilnav.services.fusion.priors import load_priors
 from surveilnav.services.fusion.shard import Shard
 
 
@@ -25,6 +26,11 @@ class FusionSettings(BaseSettings):
         env_prefix="SURVEILNAV_FUSION__", env_nested_delimiter="__", extra="ignore", env_ignore_empty=True
     )
 
+    building_file: str = Field(
+        default="",
+        description="`building.yaml`: where it names Nav2's map of a floor, that is known before anybody has seen the floor. "
+        "Empty: nothing is",
+    )
     surveillance: bool = Field(default=True, description="whether surveillance cameras are invoked at all")
     preset: Literal["default", "paper"] = Field(
         default="default", description="settings of the maps that the parts below start from"
@@ -120,11 +126,16 @@ class FusionSettings(BaseSettings):
         return self.model_copy(update={"store": store})
 
     def core(self) -> FusionConfig:
-        """The preset with the settings that differ from it. ConfigError: an unknown name or invalid value."""
+        """The preset with the settings that differ from it.
+
+        ConfigError: an unknown name, an invalid value, or a building file that can't be used.
+        """
         changes = {part: getattr(self, part) for part in ("map", "value", "objects", "validation", "views")}
         try:
-            return FusionConfig.preset(self.preset).changed(changes)
+            config = FusionConfig.preset(self.preset).changed(changes)
         except ValidationError as error:
             fault = error.errors()[0]
             name = "__".join(str(p).upper() for p in fault["loc"])
             raise ConfigError(f"SURVEILNAV_FUSION__{name}: {fault['msg']}, got {fault['input']!r}") from error
+        priors = load_priors(self.building_file, config.map.max_extent_m)
+        return config.model_copy(update={"map": config.map.with_priors(priors)}) if priors else config

@@ -121,7 +121,9 @@ class ChangeDetector:
 
     def _robot_situations(self) -> dict[str, RobotSituation]:
         return {
-            r.id: RobotSituation(online=not r.stale, state=r.state, floor=r.floor, message=r.message)
+            r.id: RobotSituation(
+                online=not r.stale, state=r.state, floor=r.floor, message=r.message, frame_problem=r.frame_problem
+            )
             for r in self._all_robots.all()
         }
 

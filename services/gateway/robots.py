@@ -32,9 +32,14 @@ class Robots:
         alive, statuses = self._node.alive("robot"), self._state.robots
         missions = [row.message for row in self._state.missions.rows()]
         mission_of_robot = {m.robot: m.mission for m in missions if m.state not in FINISHED_STATES}
+        frames = {f.robot: f for row in self._state.revisions.rows() for f in row.message.frames}
         return [
             robot_from_status(
-                row.message, mission_of_robot.get(id), row.received_ns, id not in alive or statuses.is_old(row)
+                row.message,
+                mission_of_robot.get(id),
+                row.received_ns,
+                id not in alive or statuses.is_old(row),
+                frames.get(id),
             )
             for id, row in statuses.newest("robot").items()
         ]

@@ -69,6 +69,11 @@ class MissionBus:
                 error = unanswered
             self._wait_for_robot(began_s, error)
 
+    def frame_problem(self) -> str:
+        """Why the robot can't be where it says, by the newest maps; empty: it can."""
+        frames = (frame for row in self.revisions.rows() for frame in row.message.frames)
+        return next((frame.message for frame in frames if frame.robot == self.robot), "")
+
     def stairs(self, status: RobotStatus) -> tuple[Stair, ...]:
         """The stairs in the robot's status; invalid ones are left out and counted."""
         kept = tuple(s for s in status.stairs[:_MAX_STAIRS] if _is_stair(s))

@@ -14,7 +14,7 @@ from surveilnav.services.planner.floor_maps import FloorMapsClient
 from surveilnav.services.planner.mission_bus import MissionBus, MissionCancelledError, MissionFailedError
 from surveilnav.services.planner.mission_report import MissionReport, plan_from_decision
 from surveilnav.services.planner.mission_start import MissionContext, as_asked, load_state
-from surveilnav.services.planner.pausing import Pause, PausedError, reason_to_pause
+from surveilnav.services.planner.pausing import FramePause, Pause, PausedError, reason_to_pause
 from surveilnav.services.planner.store import PendingAction, SavedMission, StoreError
 from surveilnav.services.planner.waypoint_bus import WaypointBus
 
@@ -38,6 +38,7 @@ class MissionRunner:
         self.report, self.robot = MissionReport(context.node, saved.status, saved.plan), saved.status.robot
         self._state = load_state(saved, self._node)
         self._pending, self._cancel, self._pause = saved.pending, saved.cancel, Pause(saved.paused)
+        self._frame_pause = FramePause()
         self.wanted_robot = saved.wanted_robot
         self._robot_path_m = saved.robot_path_m
         self._path_before_m = self.status.path_m - saved.robot_path_m
@@ -225,6 +226,9 @@ class MissionRunner:
             self._bus.check_cancelled()
             if self._pending is None:
                 status, maps = self._bus.newest_maps()
+                if why := self._frame_pause.reason(self._bus.frame_problem()):
+                    self.pause(why)
+                    raise PausedError
                 self._pending = self._decide(status, maps)
             self._bus.check_cancelled()
             if self._pending is not None and self._carry_out(self._pending):

@@ -52,6 +52,19 @@ class Pause:
         self._ended.wait(at_most_s)
 
 
+class FramePause:
+    """Pauses a mission once as its robot turns out not to be where it says. Whoever resumes it nevertheless is obeyed."""
+
+    def __init__(self) -> None:
+        self._told = False
+
+    def reason(self, problem: str) -> str:
+        """Why to pause now; empty: not. ``problem``: why the robot can't be where it says; empty: it can."""
+        is_new = bool(problem) and not self._told
+        self._told = bool(problem)
+        return problem if is_new else ""
+
+
 def reason_to_pause(robot: str, refused: Refused) -> str:
     """Why a robot's refusal pauses the mission until a person resumes it; empty if it doesn't."""
     if refused.name == "halted":  # releasing the robot isn't enough

@@ -1,8 +1,9 @@
-"""Settings of the simulated ROS 2 robot: environment variables ``SURVEILNAV_ROBOT_HARDWARE__<FIELD>``."""
+"""Settings of simulated hardware: ``SURVEILNAV_ROBOT_HARDWARE__<FIELD>`` and ``SURVEILNAV_CAMERA_HARDWARE__<FIELD>``."""
 
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Literal
 
 from pydantic import Field
@@ -14,6 +15,16 @@ from surveilnav.robot_frame import PlanarTransform
 from surveilnav.simulator.hardware.faults import FaultName
 from surveilnav.simulator.world.continuous_robot import MotionLimits
 from surveilnav.simulator.world.localisation import LocalisationSettings
+
+
+class CameraHardwareSettings(BaseSettings):
+    """All cameras of a simulated building. Their building is that of ``SURVEILNAV_SIM__...``."""
+
+    model_config = SettingsConfigDict(env_prefix="SURVEILNAV_CAMERA_HARDWARE__", extra="ignore")
+
+    host: str = Field("127.0.0.1", description="address at which they listen")
+    port: int = Field(8554, ge=1, le=65535, description="... and port; each camera has a path, its name")
+    fps: float = Field(2.0, gt=0, le=30, description="pictures a second of each")
 
 
 class RobotHardwareSettings(BaseSettings):
@@ -60,6 +71,7 @@ class RobotHardwareSettings(BaseSettings):
     compressed: bool = Field(False, description="send CompressedImage (JPEG, and compressedDepth) and no raw pictures")
     depth_encoding: Literal["16UC1", "32FC1"] = Field("16UC1", description="depth in millimetres or in metres")
 
+    health_file: Path | None = Field(None, description="a file that it touches each second; empty: none")
     faults: list[FaultName] = Field([], description='what goes wrong, such as ["no_depth"]; empty: nothing')
     fault_after_s: float = Field(5.0, ge=0, description="faults during a goal happen this long after it was accepted")
     jump_m: float = Field(0.5, description="SIGUSR1 has its localisation jump by this much, in x of its map")

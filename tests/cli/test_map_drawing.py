@@ -68,3 +68,12 @@ def test_values_are_shaded_from_the_lowest_to_the_highest():
     drawing = draw(layers(["...."] * 2) | {"value": values}, PLACE, [], [], [], width=80)
     assert lines(drawing) == ["░▒█ "]
     assert "value, low to high" in drawing.legend.plain
+
+
+def test_what_only_a_map_from_before_has_is_marked_and_in_the_legend():
+    rows = ["####", "#.--", "#.--", "#+++"]
+    known = layers(rows) | {"occupancy": table(rows, {"#": 1, "+": 3, "-": 4})}
+    drawing = draw(known, PLACE, [], [], [], width=80)
+    assert lines(drawing) == ["####", "#+++"]
+    assert "free by a map from before" in drawing.legend.plain
+    assert "before" not in draw(layers(rows), PLACE, [], [], [], width=80).legend.plain

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Collection
 
 from surveilnav.bus import Answer, Node, Publisher, Refused, Request, clock_ns
 from surveilnav.contract import MAP_REVISION
-from surveilnav.messages import CameraUse, Revision
+from surveilnav.messages import CameraUse, Revision, RobotFrameProblem
 from surveilnav.services.fusion.building_maps import BuildingMaps
 from surveilnav.services.fusion.core import active_cameras
 from surveilnav.services.fusion.core.views.invocation import same_floor
@@ -80,7 +81,15 @@ class Revisions:
             pending_views=pending,
             perception_ok=not perception,
             message="; ".join(filter(None, [perception, self._log.problem, *faults[:_MAX_FAULTS]])),
+            frames=self._frame_problems(robots),
         )
+
+    def _frame_problems(self, robots: Collection[str]) -> list[RobotFrameProblem]:
+        """Those of the robots that aren't where they say."""
+        with self._maps.lock:
+            problems = self._maps.joint.quarantine.frames.problems()
+        named = [(robot, problems[f"robot/{robot}"]) for robot in robots if f"robot/{robot}" in problems]
+        return [RobotFrameProblem(robot, p.why, p.dx_m, p.dy_m, p.dyaw_rad) for robot, p in named]
 
     def _camera_use(self, floor_z_m: float) -> tuple[list[CameraUse], int]:
         """The active cameras of a floor (eq. 1), and the number of their views that are still to come."""
@@ -98,4 +107,4 @@ class Revisions:
 def _content(revision: Revision) -> tuple[object, ...]:
     """What is compared to decide whether a revision has changed: everything that may change but its stamp."""
     r = revision
-    return r.revision, r.robots, r.cameras, r.pending_views, r.perception_ok, r.message
+    return r.revision, r.robots, r.cameras, r.pending_views, r.perception_ok, r.message, r.frames

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Literal
 
-from pydantic import Field
+from pydantic import Field, PrivateAttr
 
 from surveilnav import robot_body
 from surveilnav.services.fusion.core.config_part import ConfigPart
+from surveilnav.services.fusion.core.maps.prior import PriorMap
 from surveilnav.services.fusion.core.objects.config import (
     AssociationConfig,
     ConfirmationConfig,
@@ -22,6 +23,10 @@ ValueFusion = Literal["average", "confidence", "latest"]
 
 class MapConfig(ConfigPart):
     """Point cloud, obstacle map, exploration map and frontiers of a floor."""
+
+    _priors: Mapping[str, PriorMap] = PrivateAttr(
+        default={}
+    )  # no setting: arrays from files that the building file names
 
     tau_z_m: float = Field(
         default=0.4, gt=0, description="tau_z of eq. 1: a view within this of a floor's altitude belongs to that floor"
@@ -134,6 +139,15 @@ class MapConfig(ConfigPart):
     frontier_hole_m2: float = Field(
         default=0.5, ge=0, description="unexplored islands smaller than this make no frontier (VLFM: 1.5)"
     )
+
+    def with_priors(self, priors: Mapping[str, PriorMap]) -> MapConfig:
+        """A copy by which new floors begin with what is known of them, by their names."""
+        copy = self.model_copy()
+        copy._priors = dict(priors)
+        return copy
+
+    def prior_of(self, floor: str) -> PriorMap | None:
+        return self._priors.get(floor)
 
 
 class ValueConfig(ConfigPart):

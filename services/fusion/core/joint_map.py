@@ -67,7 +67,7 @@ class JointMap:
 
     Attributes:
         revision: number of views that have changed the maps.
-        validator, quarantine: refuse views that can't follow the previous one of their source, and wrongly described cameras.
+        validator, quarantine: refuse views that can't follow the previous one of their source, or whose place is wrong.
     """
 
     def __init__(self, config: FusionConfig | None = None) -> None:
@@ -80,7 +80,7 @@ class JointMap:
 
     @property
     def floors(self) -> dict[str, float]:
-        """The altitude [m, world] of each floor that was seen, by id."""
+        """The altitude [m, world] of each floor, by id."""
         return {name: maps.geometry.z_m for name, maps in self._floors.items()}
 
     def accept(self, view: PosedView, perception: ViewPerception | None) -> IntegrationResult | None:
@@ -101,14 +101,15 @@ class JointMap:
         if validation.fault is not None:
             raise validation.fault
         if validation.is_new:
-            self.quarantine.check(view)
+            here = self._floors.get(self.floor_at(view.floor_z_m))
+            self.quarantine.check(view, here.geometry.cloud if here else None)
         corrected = with_corrected_depth(view, self.config.estimated_depth)
         geometry = self._add_geometry(corrected) if validation.is_new else None
         result = self.add_detections(corrected, perception, geometry)
         if result is not None:
             self.validator.record_integrated(view, perception)
             if view.is_robot:
-                self.quarantine.record_robot_view(self._floors[result.floor].geometry.cloud, self.validator)
+                self.quarantine.record_robot_view(view, self._floors[result.floor].geometry.cloud, self.validator)
         return result
 
     def integrate(self, view: PosedView, perception: ViewPerception | None) -> IntegrationResult:
@@ -373,11 +374,7 @@ class JointMap:
             "name_of": dict(self._name_of),
             "climbs": {robot: climb.state() for robot, climb in self._climbs.items()},
             "floors": [
-                {
-                    "geometry": maps.geometry.state(),
-                    "value": maps.value.state(),
-                    "objects": maps.objects.state(),
-                }
+                {"geometry": maps.geometry.state(), "value": maps.value.state(), "objects": maps.objects.state()}
                 for maps in self._floors.values()
             ],
         }

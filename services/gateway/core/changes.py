@@ -35,12 +35,13 @@ class CameraState:
 
 @dataclass(frozen=True, slots=True)
 class RobotSituation:
-    """Whether a robot was heard of lately, what it does, and on which floor."""
+    """Whether a robot was heard of lately, what it does, on which floor, and why it can't be where it says."""
 
     online: bool
     state: str
     floor: str
     message: str = ""
+    frame_problem: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,7 +126,8 @@ def camera_changes(before: CameraState | None, now: CameraState | None) -> Itera
 
 
 def robot_changes(before: RobotSituation | None, now: RobotSituation | None) -> Iterable[str]:
-    """``new``, ``silent``, ``back``; the state that the robot came to; ``floor`` where it changed floors."""
+    """``new``, ``silent``, ``back``; the state that the robot came to; ``floor`` where it changed floors; ``frame_disagrees``
+    where it isn't where it says, ``frame_agrees`` where it is again."""
     if now is None:
         return
     if before is None:
@@ -137,6 +139,8 @@ def robot_changes(before: RobotSituation | None, now: RobotSituation | None) -> 
         yield now.state
     if now.floor != before.floor:
         yield "floor"
+    if bool(now.frame_problem) != bool(before.frame_problem):
+        yield "frame_disagrees" if now.frame_problem else "frame_agrees"
 
 
 def process_changes(before: ServiceState | None, now: ServiceState | None) -> Iterable[str]:
@@ -207,11 +211,10 @@ def camera_event(change: Change[CameraState], now_ns: int) -> Event:
 
 
 def robot_event(change: Change[RobotSituation], now_ns: int) -> Event:
-    """A robot came or fell silent, or its state or floor changed."""
+    """A robot came or fell silent, its state or floor changed, or it isn't where it says."""
     r = change.now
-    return Event(
-        id=change.id, what=change.what, time=utc(now_ns), floor=r.floor, state=r.state, message=_cut(r.message)
-    )
+    message = r.frame_problem if change.what == "frame_disagrees" else r.message
+    return Event(id=change.id, what=change.what, time=utc(now_ns), floor=r.floor, state=r.state, message=_cut(message))
 
 
 def process_event(change: Change[ServiceState], now_ns: int) -> Event:

@@ -3,7 +3,8 @@ and the joint cloud thinned to a number of points.
 
 | layer | colour |
 |---|---|
-| occupancy | obstacle: slate ``#39424e``, half transparent where it is only estimated; free or unknown: transparent |
+| occupancy | obstacle: slate ``#39424e``, half transparent where it is only estimated; what only a map from before has: teal
+``#0b9e8e``, obstacles dark and free floor faint; else transparent |
 | explored | explored: pale blue ``#dbe7f0``; unexplored: transparent |
 | frontier | frontier: orange ``#f08c00``; else transparent |
 | value | viridis (``#440154`` lowest to ``#fde725`` highest of this picture); unknown: transparent |
@@ -20,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surveilnav.geometry import Grid
-from surveilnav.messages.maps import ESTIMATED_OBSTACLE
+from surveilnav.occupancy import ESTIMATED_OBSTACLE, PRIOR_FREE, PRIOR_OBSTACLE
 
 #: Layers that have a picture, and their colour (red, green, blue); the value layer has a scale.
 COLOURS: dict[str, tuple[int, int, int] | None] = {
@@ -30,6 +31,8 @@ COLOURS: dict[str, tuple[int, int, int] | None] = {
     "value": None,
 }
 _ESTIMATED_ALPHA = 110
+#: What only a map from before has: its colour, and how opaque obstacles and free floor are.
+_PRIOR_COLOUR, _PRIOR_ALPHA = (0x0B, 0x9E, 0x8E), {PRIOR_OBSTACLE: 200, PRIOR_FREE: 40}
 #: Larger maps are shown with several cells per pixel.
 MAX_PIXELS = 4096 * 4096
 #: The first size of the cubes that keep one point each [m], and the factor by which it grows until they are few enough.
@@ -61,12 +64,16 @@ def render(layer: str, grid: Grid, cells: NDArray, max_pixels: int = MAX_PIXELS)
 
     Row 0 of the grid is the lowest line of the picture.
     """
+    if layer == "occupancy":
+        cells = np.where(cells == PRIOR_FREE, 0, cells) if _is_too_large(grid, max_pixels) else cells  # walls must show
     grid, cells = _coarser(grid, cells, max_pixels)
     colour = COLOURS[layer]
     if colour is not None:
         rgba = colour_cells(cells, colour)
         if layer == "occupancy":
             rgba[cells == ESTIMATED_OBSTACLE, 3] = _ESTIMATED_ALPHA
+            for value, alpha in _PRIOR_ALPHA.items():
+                rgba[cells == value] = (*_PRIOR_COLOUR, alpha)
         return RenderedLayer(encode_png(rgba), grid)
     rgba, low, high = colour_values(cells)
     return RenderedLayer(encode_png(rgba), grid, low, high)
@@ -128,6 +135,10 @@ def encode_png(rgba: NDArray[np.uint8]) -> bytes:
     if not ok:
         raise ValueError(f"a picture of shape {rgba.shape} can't be encoded")
     return data.tobytes()
+
+
+def _is_too_large(grid: Grid, max_pixels: int) -> bool:
+    return grid.rows * grid.cols > max_pixels
 
 
 def _coarser(grid: Grid, cells: NDArray, max_pixels: int) -> tuple[Grid, NDArray]:

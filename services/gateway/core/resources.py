@@ -46,6 +46,8 @@ from surveilnav.services.gateway.core.layers import RenderedLayer, transform
 
 R = TypeVar("R", bound=BaseModel)
 _MAX_REASON_CHARS = 300
+#: Longer, since it says what to do.
+_MAX_WHY_CHARS = 1000
 #: What must be there before a mission makes sense, and how to start it.
 NEEDED: tuple[tuple[Literal["robot", "perception", "fusion", "planner"], str], ...] = (
     ("robot", "python -m surveilnav.services.robot_node"),
@@ -213,8 +215,14 @@ def object_from_record(record: m.ObjectRecord) -> Object:
 # --- robots and workers -------------------------------------------------------------------------------------------
 
 
-def robot_from_status(status: m.RobotStatus, mission: str | None, seen_ns: int, stale: bool) -> Robot:
-    """A robot as it reports itself, and the mission under way that it is on."""
+def robot_from_status(
+    status: m.RobotStatus,
+    mission: str | None,
+    seen_ns: int,
+    stale: bool,
+    frame: m.RobotFrameProblem | None = None,
+) -> Robot:
+    """A robot as it reports itself, and the mission under way that it is on. ``frame``: fusion says that it isn't there."""
     pose = status.T_world_base
     return resource_from(
         Robot,
@@ -223,6 +231,8 @@ def robot_from_status(status: m.RobotStatus, mission: str | None, seen_ns: int, 
         position_m=pose.translation_m,
         yaw_rad=yaw_of(pose.matrix()),
         mission=mission,
+        frame_problem=frame.message[:_MAX_WHY_CHARS] if frame else "",
+        frame_correction=msgspec.structs.asdict(frame) if frame else None,
         battery=status.battery if status.battery is not None and 0.0 <= status.battery <= 1.0 else None,
         last_seen=utc(seen_ns),
         stale=stale,

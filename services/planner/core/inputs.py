@@ -21,7 +21,7 @@ class FloorMaps:
     Attributes:
         floor: the floor's id; ``floor_z_m``: its altitude [m].
         grid: frame of all layers; each layer is (rows, cols).
-        occupancy: uint8, 0, or one of the kinds of obstacles in ``messages.maps``.
+        occupancy: uint8, 0, or one of the values in ``surveilnav.occupancy``.
         explored, frontier: uint8, 0 or 1.
         value: float32, relevance to the mission's target; NaN where unknown.
         revision: the number of this state of the maps.

@@ -10,8 +10,6 @@ from surveilnav.geometry import Grid
 from surveilnav.messages.base import Message
 
 LayerName = Literal["occupancy", "explored", "frontier", "value", "cloud", "provenance"]
-#: Values of the occupancy layer beside 0: a sensor measured an obstacle, or a camera without a depth sensor estimated one.
-OBSTACLE, ESTIMATED_OBSTACLE = 1, 2
 LAYERS: tuple[str, ...] = ("occupancy", "explored", "frontier", "value", "cloud", "provenance")
 
 
@@ -19,7 +17,7 @@ class LayerHeader(Message, frozen=True, kw_only=True):
     """Describes one map layer; the payload is a zstd-compressed, row-major array.
 
     Layers:
-        occupancy: uint8 on ``grid``: 0 free or unknown, ``OBSTACLE``, or ``ESTIMATED_OBSTACLE``.
+        occupancy: uint8 on ``grid``: 0 free or unknown, or one of the values in ``surveilnav.occupancy``.
         explored, frontier: uint8 on ``grid``, 0 or 1.
         value: float32 on ``grid`` for ``target``, NaN where unknown.
         cloud: (N, 6) float32, x, y, z [m, world] and r, g, b [0-1] of each point.
@@ -72,6 +70,19 @@ class CameraUse(msgspec.Struct, frozen=True):
     quarantine: str = ""
 
 
+class RobotFrameProblem(msgspec.Struct, frozen=True):
+    """A robot isn't where it says by what cameras have measured, so none of its views is believed while it is so.
+
+    ``dx_m``, ``dy_m``, ``dyaw_rad``: how it must be moved and turned from where it says that it is, to be there.
+    """
+
+    robot: str
+    message: str
+    dx_m: float
+    dy_m: float
+    dyaw_rad: float
+
+
 class Revision(Message, frozen=True, kw_only=True):
     """What the maps of a floor have processed.
 
@@ -82,6 +93,7 @@ class Revision(Message, frozen=True, kw_only=True):
         cameras: the invoked cameras.
         pending_views: frames of invoked cameras that aren't processed yet.
         perception_ok, message: whether perception works, and if not, why.
+        frames: the robots of this floor that aren't where they say.
     """
 
     floor: str
@@ -92,6 +104,7 @@ class Revision(Message, frozen=True, kw_only=True):
     pending_views: int
     perception_ok: bool = True
     message: str = ""
+    frames: list[RobotFrameProblem] = []
 
 
 class ObjectEvent(msgspec.Struct, frozen=True):

@@ -12,7 +12,7 @@ from surveilnav.rest.cameras import AccessRecord, Camera, CameraCone, CameraStre
 from surveilnav.rest.missions import FINISHED_STATES, Mission, MissionPlan, MissionTraffic, NewMission, Place
 from surveilnav.rest.recordings import Recorder, Recording, Replay, ReplayChange
 from surveilnav.rest.removals import NewRemoval, Removal
-from surveilnav.rest.robots import Robot, RobotHalt, StageTimes, Target, Worker
+from surveilnav.rest.robots import FrameCorrection, Robot, RobotHalt, StageTimes, Target, Worker
 from surveilnav.rest.session import NewSession, Session
 from surveilnav.rest.sightings import SearchedCamera, SearchedRoom, Sighting, Sightings, SightingsRequest
 from surveilnav.rest.streams import LIVE_RESOURCES, Event, LiveState, StreamData, Tile, TileState
@@ -32,6 +32,7 @@ __all__ = [
     "Event",
     "Floor",
     "FloorCamera",
+    "FrameCorrection",
     "GrowingItems",
     "Items",
     "Layer",

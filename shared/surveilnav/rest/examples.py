@@ -164,6 +164,8 @@ ROBOT: dict[str, Any] = {
     "yaw_rad": 1.57,
     "mission": "m-0123456789ab",
     "message": "",
+    "frame_problem": "",
+    "frame_correction": None,
     "battery": 0.83,
     "notes": [],
 }

@@ -8,6 +8,14 @@ from surveilnav.rest import examples
 from surveilnav.rest.base import Number, Resource
 
 
+class FrameCorrection(BaseModel):
+    """How a robot must be moved and turned from where it says that it is, to be there by what cameras have measured."""
+
+    dx_m: float
+    dy_m: float
+    dyaw_rad: float
+
+
 class Robot(Resource):
     """A robot as it reports itself, and the mission that it is on."""
 
@@ -21,6 +29,13 @@ class Robot(Resource):
     yaw_rad: float
     mission: str | None
     message: str
+    frame_problem: str = Field(
+        default="",
+        description="it isn't where it says, so none of its views is believed while it is so; empty: they are",
+    )
+    frame_correction: FrameCorrection | None = Field(
+        default=None, description="how its place would fit what cameras have measured; null: it does"
+    )
     battery: float | None = Field(None, description="how full its battery is, 0 to 1; null: it doesn't say")
     notes: list[str] = Field(default_factory=list, description="which places it can't reach, and why")
 

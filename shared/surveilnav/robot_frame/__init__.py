@@ -3,7 +3,7 @@
 planar          the transform: a shift and a turn about the vertical
 found_frame     what the methods below return
 point_pairs     from places that are known in both frames
-tag             from an AprilTag that calibrated cameras see on the robot, or the robot on a wall
+tag             from an AprilTag that calibrated cameras see on the robot (imported by itself: it knows files of sightings)
 map_match       from the robot's map and the joint map of the same floor; its steps are in coarse_match and map_side
 nav2_map        Nav2's map of a floor: from its files, or from the topic ``/map``
 drift           whether the robot's frame has moved since

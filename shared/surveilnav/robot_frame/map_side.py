@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surveilnav.geometry import Grid
+from surveilnav.occupancy import PRIOR_FREE
 from surveilnav.robot_frame.nav2_map import FREE, OCCUPIED, UNKNOWN, Nav2Map
 from surveilnav.robot_frame.planar import PlanarTransform
 
@@ -64,7 +65,9 @@ class MapSide:
 
     @classmethod
     def from_joint(cls, grid: Grid, occupancy: NDArray[np.uint8], explored: NDArray[np.uint8]) -> MapSide:
-        kinds = np.where(occupancy != 0, OCCUPIED, np.where(explored != 0, FREE, UNKNOWN)).astype(np.uint8)
+        free = (explored != 0) | (occupancy == PRIOR_FREE)
+        kinds = np.where(free & ((occupancy == 0) | (occupancy == PRIOR_FREE)), FREE, UNKNOWN).astype(np.uint8)
+        kinds[(occupancy != 0) & (occupancy != PRIOR_FREE)] = OCCUPIED
         return cls.from_cells(kinds, grid.resolution_m, PlanarTransform(grid.origin_x_m, grid.origin_y_m))
 
     def field(self, sigma_m: float) -> _Layer:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 import threading
 import time
 from collections.abc import Callable
@@ -24,6 +25,8 @@ _CDR = zenoh.Encoding.APPLICATION_CDR
 _EARLY_S = 0.05
 #: In place of a type's hash: whatever it is.
 _ANY = "*"
+#: Of an error of Zenoh's: that it couldn't connect, which we say ourselves, and where in its own code it arose.
+_INNARDS = re.compile(r"Unable to connect to any of \S*!|\s*at \S+\.rs:\d+\.?")
 
 
 class RosError(BusError):
@@ -107,7 +110,8 @@ class RosSession:
         try:
             self.zenoh = zenoh.open(config)
         except zenoh.ZError as error:
-            raise RosError(f"no router of the robot at {self._router}: {error}") from error
+            why = _INNARDS.sub("", str(error)).strip()
+            raise RosError(f"no router of the robot at {self._router}{f': {why}' if why else ''}") from error
         self._keep(self.zenoh.liveliness().declare_token(self._entity("NN").token()))
         self._keep(self.zenoh.liveliness().declare_subscriber(tokens_of(self.domain), self._on_token, history=True))
         return self

@@ -28,10 +28,12 @@ from surveilnav.messages import (
     InferReply,
     Observation,
     RemoveFromMaps,
+    RobotFrameProblem,
     RobotStatus,
     TextReply,
     WorkerLoad,
 )
+from surveilnav.robot_frame import PlanarTransform
 from surveilnav.sensing.packing import (
     decode_frame,
     encode_rgbd,
@@ -43,6 +45,7 @@ from surveilnav.sensing.replies import perception_from_wire, perception_to_wire
 from surveilnav.sensing.views import DetectedObject, ViewPerception
 from surveilnav.services.fusion.config import FusionSettings
 from surveilnav.services.fusion.core import FusionConfig, JointMap
+from surveilnav.services.fusion.core.views.robot_frames import FrameProblem
 from surveilnav.services.fusion.core.warm_up import warm_up
 from surveilnav.services.fusion.service import FusionService
 from tests.waiting import patient, until
@@ -478,6 +481,18 @@ def test_a_wrongly_described_camera_is_put_into_quarantine_and_shown(scene):
     until(lambda: (r := scene.revision()) and r.cameras and r.cameras[0].views_processed == 2)
     until(lambda: "axes" in scene.revision().cameras[0].quarantine, lambda: scene.revision())
     assert rejected(scene) == {"view.geometry_disagrees": 2}
+
+
+def test_a_robot_that_isnt_where_it_says_is_named_in_the_revision(scene):
+    scene.worker()
+    scene.start()
+    problem = FrameProblem("robot r isn't where it says", PlanarTransform(0.5), 0.5, 0.0, 0.0)
+    seq = scene.robot.observe()
+    until(lambda: scene.holds(seq))
+    assert scene.revision().frames == []
+    scene.service._maps.joint.quarantine.frames.problems = lambda: {"robot/r": problem, "robot/elsewhere": problem}
+    until(lambda: scene.revision().frames)
+    assert scene.revision().frames == [RobotFrameProblem("r", "robot r isn't where it says", 0.5, 0.0, 0.0)]
 
 
 def test_a_robot_on_the_stairs_takes_its_cameras_along(scene):

@@ -184,6 +184,7 @@ class FakeBuilding:
         self._revision = self.fusion.publisher(contract.MAP_REVISION, floor="0")
         self.fusion.serve(contract.MAP_LAYER, self._layer)
         self.removals: list[m.MapRemoval] = []
+        self.frames: list[m.RobotFrameProblem] = []
         self._removals = self.fusion.publisher(contract.MAP_REMOVALS, fusion="f1")
         self.fusion.serve(contract.REMOVE_FROM_MAPS, self._remove, fusion="f1")
         self.fusion.serve(contract.MAP_REMOVALS, lambda _: Answer(self._told_removals()), fusion="f1")
@@ -234,6 +235,7 @@ class FakeBuilding:
             robots={"r1": 3},
             cameras=[m.CameraUse("c1", 2, 13)],
             pending_views=1,
+            frames=self.frames,
         )
 
     def put_revision(self) -> None:

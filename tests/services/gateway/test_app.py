@@ -438,11 +438,25 @@ def test_robots_and_perception(client, building):
     assert (robot["id"], robot["floor"], robot["state"]) == ("r1", "0", "ready")
     assert robot["position_m"] == [0.5, 0.25, 0.0]
     assert robot["yaw_rad"] == pytest.approx(1.0)
+    assert (robot["frame_problem"], robot["frame_correction"]) == ("", None)
     (worker,) = client.get("/api/v1/perception").json()["items"]
     assert (worker["id"], worker["backend"], worker["why"], worker["stale"]) == ("w1", "simulated", "no weights", False)
     assert (worker["ready"], worker["models"]) == (True, {"detector": "d@1", "segmenter": "", "embedder": ""})
     assert worker["stages"]["queue"] == {"views": 3, "p50_ms": 8.0, "p95_ms": 8.0}
     assert worker["stages"]["odd"] == {"views": 1, "p50_ms": None, "p95_ms": None}
+
+
+def test_a_robot_that_isnt_where_it_says_is_shown(client, building):
+    building.put_sources()
+    building.frames = [m.RobotFrameProblem("r1", "robot r1 isn't where it says", 0.5, -0.25, 0.1)]
+    building.put_revision()
+    until(lambda: client.get("/api/v1/robots").json()["items"][0]["frame_problem"], "the problem isn't shown")
+    (robot,) = client.get("/api/v1/robots").json()["items"]
+    assert robot["frame_problem"] == "robot r1 isn't where it says"
+    assert robot["frame_correction"] == {"dx_m": 0.5, "dy_m": -0.25, "dyaw_rad": 0.1}
+    building.frames = []
+    building.put_revision()
+    until(lambda: not client.get("/api/v1/robots").json()["items"][0]["frame_problem"], "the problem stays")
 
 
 # --- maps ---------------------------------------------------------------------------------------------------------

@@ -16,6 +16,7 @@ from surveilnav.messages import (
     MissionCancel,
     MissionPause,
     RobotDescription,
+    RobotFrameProblem,
     WaypointStatus,
 )
 from surveilnav.services.planner.config import PlannerSettings
@@ -156,6 +157,21 @@ def test_a_robot_that_loses_its_place_pauses_the_mission_by_name(robot, planner,
     until(lambda: state_of(client).state == "paused")
     assert "isn't ready: its localisation is lost" in state_of(client).message
     robot.not_ready = ""
+    client.ask(MISSION_PAUSE, MissionPause(stamp_ns=1, mission="m1", paused=False), mission="m1", timeout_s=5)
+    assert end_of(client, timeout_s=60.0).found
+
+
+def test_a_robot_that_isnt_where_it_says_pauses_the_mission_once(robot, planner, client):  # noqa: F811
+    """Whoever resumes it nevertheless is obeyed."""
+    planner(QUICK)
+    submit(client)
+    until(lambda: robot.drives)
+    robot.frames = [
+        RobotFrameProblem("other", "robot other isn't where it says", 9.0, 0.0, 0.0),
+        RobotFrameProblem("r1", "robot r1 isn't where it says", 0.5, 0.0, 0.0),
+    ]
+    until(lambda: state_of(client).state == "paused")
+    assert state_of(client).message == "robot r1 isn't where it says"
     client.ask(MISSION_PAUSE, MissionPause(stamp_ns=1, mission="m1", paused=False), mission="m1", timeout_s=5)
     assert end_of(client, timeout_s=60.0).found
 

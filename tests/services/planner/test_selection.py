@@ -13,6 +13,7 @@ import pytest
 
 from surveilnav.geometry import Grid
 from surveilnav.messages import Candidate
+from surveilnav.occupancy import PRIOR_FREE
 from surveilnav.services.planner.core import FloorMaps, MissionState, PlannerConfig, RobotView, step
 from surveilnav.services.planner.core.behaviours.approach_object import _describe, approach_object
 from surveilnav.services.planner.core.behaviours.follow_route import follow_route
@@ -117,6 +118,25 @@ def test_long_frontiers_are_cut_and_specks_left_out():
     assert len(found) == 3
     assert sum(f.n_cells for f in found) == 120
     assert all(abs(f.y_m - 5.025) < 1e-9 and f.travel_time_m > 3.5 for f in found)
+
+
+def test_where_a_map_from_before_knows_how_much_is_hidden_that_counts():
+    """Two frontiers alike and equally far: behind one the map has a room, behind the other a niche."""
+    pieces = [(100, c) for c in range(40, 60)] + [(100, c) for c in range(140, 160)]
+    occupancy = np.zeros(GRID.shape, np.uint8)
+    occupancy[101:141, 20:80] = PRIOR_FREE  # 6 m2
+    occupancy[101:105, 145:155] = PRIOR_FREE
+    m = maps(pieces, occupancy=occupancy)
+    terrain = build_terrain(m, HERE, MissionState("chair"), CONFIG)
+    found = find_frontiers(m, terrain, coarse_travel_time_m(terrain, HERE.x_m, HERE.y_m), CONFIG)
+    room, niche = sorted(found, key=lambda f: f.x_m)
+    assert room.hidden_m2 > 4.0
+    assert niche.hidden_m2 == pytest.approx(0.1, abs=0.01)
+    ranked, _ = rank([niche, room], m, "chair", CONFIG)
+    assert ranked[0].x_m == room.x_m
+    plain = maps(pieces)
+    terrain = build_terrain(plain, HERE, MissionState("chair"), CONFIG)
+    assert all(math.isnan(f.hidden_m2) for f in find_frontiers(plain, terrain, np.ones(terrain.grid.shape), CONFIG))
 
 
 def test_given_up_twice_is_for_good():

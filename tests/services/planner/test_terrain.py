@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from surveilnav.geometry import Grid
-from surveilnav.messages.maps import ESTIMATED_OBSTACLE
+from surveilnav.occupancy import ESTIMATED_OBSTACLE, PRIOR_FREE, PRIOR_OBSTACLE
 from surveilnav.services.planner.core import FloorMaps, FloorMemory, MissionState, PlannerConfig, RobotView
 from surveilnav.services.planner.core.motion.drive import FmmPlanner, descend, next_action
 from surveilnav.services.planner.core.motion.terrain import build_terrain, coarse_travel_time_m, travel_time_m
@@ -338,3 +338,32 @@ def test_an_obstacle_that_is_only_estimated_is_avoided_but_blocks_nothing():
     around = time_m()
     occupancy[40:60, 48:52] = 0
     assert time_m() < around < through
+
+
+def test_known_free_floor_is_driven_through_and_known_walls_are_not():
+    """A map from before: the way is as good as through floor that was seen, and better than through the unknown."""
+    grid = Grid(0.0, 0.0, 0.05, 100, 100)
+    occupancy, explored = np.ones(grid.shape, np.uint8), np.zeros(grid.shape, np.uint8)
+    occupancy[40:60, 5:95] = 0
+    explored[40:60, 5:40] = 1
+    sources = np.zeros(grid.shape, bool)
+    sources[50, 90] = True
+
+    def time_m():
+        maps = replace(_maps(grid, occupancy), explored=explored)
+        terrain = build_terrain(maps, _robot(0.5, 2.5), MissionState("x"), CONFIG)
+        return travel_time_m(terrain.speed, terrain.crop(sources), 0.05)[terrain.cell(0.5, 2.5)], terrain
+
+    through_unknown, _ = time_m()
+    occupancy[40:60, 40:95] = PRIOR_FREE
+    through_prior, terrain = time_m()
+    assert terrain.known[terrain.cell(3.5, 2.5)]
+    explored[40:60, 5:95] = 1
+    occupancy[40:60, 5:95] = 0
+    through_seen, _ = time_m()
+    assert through_prior == pytest.approx(through_seen)
+    assert through_prior < 0.9 * through_unknown
+    occupancy[40:60, 48:52] = PRIOR_OBSTACLE
+    blocked, terrain = time_m()
+    assert blocked == math.inf
+    assert terrain.occupied[terrain.cell(2.5, 2.5)]

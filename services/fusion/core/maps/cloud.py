@@ -8,7 +8,7 @@ which only looks at the regions in front of it.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Set
 from typing import Any
 
 import numpy as np
@@ -184,9 +184,9 @@ class VoxelCloud:
                 n_confirmed.update(dict.fromkeys(members, int(n)))
         return {name: Agreement(n_refuted.get(name, 0), n_confirmed[name]) for name in {*n_refuted, *n_confirmed}}
 
-    def measured_by(self, source: str) -> NDArray[np.float64]:
-        """Centres (N, 3) [m, world] of the voxels that a source has measured, even where others look through them."""
-        is_its = np.array([source in members for members in self._sets.lists()])
+    def measured_by(self, sources: Set[str]) -> NDArray[np.float64]:
+        """Centres (N, 3) [m, world] of the voxels that any of the sources has measured, even where others look through them."""
+        is_its = np.array([not sources.isdisjoint(members) for members in self._sets.lists()])
         used = self._voxels[: self._n]
         return voxel_centres(used["key"][is_its[used["sources"]]], self._config.voxel_m)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from surveilnav.geometry import Grid
-from surveilnav.messages.maps import ESTIMATED_OBSTACLE
+from surveilnav.occupancy import ESTIMATED_OBSTACLE, PRIOR_FREE, PRIOR_OBSTACLE
 from surveilnav.sensing.views import LaserScan, PosedView
 from surveilnav.services.fusion.core.config import MapConfig
 from surveilnav.services.fusion.core.maps.carving import FreeDepthHistory, FreeDepthImage, bounded_stamp_ns
@@ -61,6 +62,8 @@ class FloorMap:
         self._occupancy: NDArray[np.uint8] | None = None
         self._free_depths = FreeDepthHistory(config.carve_memory)
         self.cloud = VoxelCloud(config)
+        self._prior: tuple[Grid, NDArray[np.uint8]] | None = None
+        self._grow_to_prior()
 
     @property
     def grid(self) -> Grid:
@@ -143,16 +146,19 @@ class FloorMap:
         return len(p_world), ranges_m
 
     def occupied(self) -> NDArray[np.uint8]:
-        """Obstacle map (rows, cols) uint8 of 0 and 1; measured and estimated obstacles alike."""
-        return np.asarray(self.occupancy() != 0).view(np.uint8)
+        """Obstacle map (rows, cols) uint8 of 0 and 1; measured, estimated and prior obstacles alike."""
+        occupancy = self.occupancy()
+        return np.asarray((occupancy != 0) & (occupancy != PRIOR_FREE)).view(np.uint8)
 
     def occupancy(self) -> NDArray[np.uint8]:
-        """Occupancy (rows, cols) uint8: 0 free or unknown, ``OBSTACLE`` measured, ``ESTIMATED_OBSTACLE`` only estimated.
+        """Occupancy (rows, cols) uint8: 0 free or unknown, ``OBSTACLE`` measured, ``ESTIMATED_OBSTACLE`` only estimated, and
+        ``PRIOR_OBSTACLE`` or ``PRIOR_FREE`` where only a map from before knows something.
 
         Occupied are cells with enough points at heights that block, and drops: cells without a floor, through which enough
         rays go down. A cell is free again if it is plainly seen as bare floor, if all but a few of its voxels are carved away, or
         if a robot stood there. Estimates count where no sensor has measured. Laser scans have counts of their own: what passes
-        at a scanner's height clears nothing that depth shows at another.
+        at a scanner's height clears nothing that depth shows at another. A prior obstacle counts until bare floor is seen
+        there or a robot stood there: rays may have passed above it. Prior free floor counts until anything is seen there.
         """
         if self._occupancy is None:
             self._occupancy = self._compute_occupancy()
@@ -173,7 +179,28 @@ class FloorMap:
         if likely.any():
             likely &= estimated.floor_views <= c.estimated_clear_ratio * estimated.obstacle_views
             out[likely & ~counts.seen() & (self._visited == 0)] = ESTIMATED_OBSTACLE
+        if (prior := self._prior_cells()) is not None:
+            bare = (counts.floor_views > 0) | (estimated.floor_views > 0) | (self._visited > 0)
+            out[(prior == PRIOR_OBSTACLE) & (out == 0) & ~bare] = PRIOR_OBSTACLE
+            out[(prior == PRIOR_FREE) & (out == 0) & (self.explored() == 0)] = PRIOR_FREE
         return out
+
+    def _prior_cells(self) -> NDArray[np.uint8] | None:
+        """What is known of the floor from before, on its grid; None: nothing is."""
+        prior = self._config.prior_of(self.floor)
+        if prior is None:
+            return None
+        if self._prior is None or self._prior[0] != self.grid:
+            self._prior = self.grid, prior.on_grid(self.grid)
+        return self._prior[1]
+
+    def _grow_to_prior(self) -> None:
+        """Grows all layers until they contain what is known from before, unless that is too far away."""
+        if prior := self._config.prior_of(self.floor):
+            x0, y0, x1, y1 = (v / self._config.resolution_m for v in prior.extent())
+            row0, col0 = math.floor(y0), math.floor(x0)
+            with suppress(ValueError):
+                self._grow_to(row0, col0, math.ceil(y1) - row0, math.ceil(x1) - col0)
 
     def explored(self) -> NDArray[np.uint8]:
         """Exploration map (rows, cols) uint8 of 0 and 1: cells where a point was seen, a ray passed, or a robot stood."""
@@ -215,6 +242,7 @@ class FloorMap:
             setattr(floor, name, CellCounts(**counts))
         floor.cloud = VoxelCloud.from_state(state["cloud"], config)
         floor._free_depths = FreeDepthHistory.from_state(state["free_depths"], config.carve_memory)
+        floor._grow_to_prior()  # the building file may have got it since
         return floor
 
     def _carve(self, view: PosedView, new: NDArray[np.int32]) -> None:

@@ -9,6 +9,7 @@ a bare wall, for example, no place is better than the next.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -22,6 +23,7 @@ _MIN_POINTS, _MAX_POINTS, _MAX_RANGE_M = 300, 1500, 6.0
 _MAX_YAW_RAD, _MAX_SHIFT_M = math.radians(15.0), 1.0
 _COARSE_M, _COARSE_RAD = 0.1, math.radians(1.0)
 _FINE_M, _FINE_RAD = 0.025, math.radians(0.25)
+_TEST_M = 0.05
 #: A point so far from the nearest one of the others [m, standard deviation] counts 0.6 of one in the same place.
 _COARSE_SIGMA_M, _FINE_SIGMA_M = 0.1, 0.05
 #: Corrections that differ by less are the same.
@@ -61,12 +63,14 @@ class PoseCorrection:
         )
 
 
-def points_to_fit(p_world: NDArray[np.float64], p_camera: NDArray[np.float64], floor_z_m: float) -> NDArray[np.float64]:
-    """Of the points (N, 3) that a camera has measured, those that ``fit_pose`` compares: about 1,500 [m, world]."""
+def points_to_fit(
+    p_world: NDArray[np.float64], p_camera: NDArray[np.float64], floor_z_m: float, max_points: int = _MAX_POINTS
+) -> NDArray[np.float64]:
+    """Of the points (N, 3) that a camera has measured, those that ``fit_pose`` compares [m, world]."""
     near = np.linalg.norm(p_world[:, :2] - p_camera[:2], axis=1) < _MAX_RANGE_M
     points = _between(p_world[near], floor_z_m)
     chosen: NDArray[np.float64] = points[
-        np.linspace(0, len(points) - 1, min(len(points), _MAX_POINTS)).round().astype(int)
+        np.linspace(0, len(points) - 1, min(len(points), max_points)).round().astype(int)
     ]
     return chosen
 
@@ -114,6 +118,24 @@ def fit_pose(
         described_score=float(fine.scores(mine, np.zeros(1), 0, 0, 0)[0, 0, 0]),
         next_score=next_share * score,
     )
+
+
+def score_poses(
+    mine: NDArray[np.float64],
+    others: NDArray[np.float64],
+    p_camera: NDArray[np.float64],
+    floor_z_m: float,
+    poses: Sequence[tuple[float, float, float]],
+) -> list[float]:
+    """How well points fit those of others (0-1), turned about a place and shifted in some given ways: yaw [rad], x and y [m].
+
+    It is more tolerant than ``fit_pose``, since a correction that others have found is never exact.
+    """
+    layers = _Layers(others, p_camera[:2], _MAX_RANGE_M + 2 * _MAX_SHIFT_M, floor_z_m, _TEST_M, _COARSE_SIGMA_M)
+    return [
+        float(layers.scores(mine, np.array([yaw]), round(y_m / _TEST_M), round(x_m / _TEST_M), 0)[0, 0, 0])
+        for yaw, x_m, y_m in poses
+    ]
 
 
 def _between(points: NDArray[np.float64], floor_z_m: float) -> NDArray[np.float64]:

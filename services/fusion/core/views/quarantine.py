@@ -4,8 +4,8 @@ Three things show that a description is wrong:
 
 - A view has hardly any floor, but has much once one common mistake is undone (``plausibility``). Such a view is refused at once.
 - Several views of one camera show a floor that leans, or lies at another height, all in the same way (``floor_plane``).
-- Others look through what the camera has measured, where both have looked. Then it is matched with what they have measured, which
-  may show how it was turned or moved (``pose_fit``).
+- Others look through what the camera has measured, where both have looked, and it isn't a robot's frame that is wrong
+  (``robot_frames``). Then it is matched with what they have measured, which may show how it was turned or moved (``pose_fit``).
 
 Views that came before this was known may be in the maps. So the camera must be removed from them (``removal.sources_to_remove``).
 """
@@ -15,7 +15,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -28,6 +28,7 @@ from surveilnav.services.fusion.core.maps.provenance import Agreement
 from surveilnav.services.fusion.core.views.floor_plane import FloorPlane, fit_floor_plane
 from surveilnav.services.fusion.core.views.plausibility import find_mistake
 from surveilnav.services.fusion.core.views.pose_fit import PoseCorrection, fit_pose, points_to_fit
+from surveilnav.services.fusion.core.views.robot_frames import RobotFrames
 from surveilnav.services.fusion.core.views.validation import ViewError, ViewValidator
 
 #: So many pictures must show a mistake, and the newest pictures of so large a share of the camera's views.
@@ -138,20 +139,24 @@ class _Camera:
 
 
 class Quarantine:
-    """Which cameras aren't believed, and why."""
+    """Which cameras aren't believed, and why. ``frames``: which robots aren't, since they stand elsewhere than they say."""
 
     def __init__(self, config: ValidationConfig) -> None:
         self._config = config
+        self.frames = RobotFrames(config.compare_every_views)
+        self._excused: dict[str, int] = {}  # by camera, how many voxels a robot with a wrong frame has looked through
         self._cameras: dict[str, _Camera] = {}
         self._n_robot_views = 0  # since agreement was compared last
 
-    def check(self, view: PosedView) -> None:
-        """Records what a new view shows of the floor that it must see.
+    def check(self, view: PosedView, cloud: VoxelCloud | None = None) -> None:
+        """Records what a new view shows of the floor that it must see. ``cloud``: of its floor, if there is one.
 
         Raises:
             ViewError: ``geometry_disagrees``, a mistake in its camera's description is found; ``quarantined``: one was found in
-                other views of its camera.
+                other views of its camera; ``frame_disagrees``, its robot isn't where it says.
         """
+        if view.is_robot:
+            self.frames.check(view, cloud)
         if view.is_robot or view.depth_source != "sensor":
             return
         camera = self._camera_of(view)
@@ -170,40 +175,53 @@ class Quarantine:
         if mistake or camera.why:
             raise ViewError("geometry_disagrees", mistake or camera.why)
 
-    def record_robot_view(self, cloud: VoxelCloud, validator: ViewValidator) -> None:
+    def record_robot_view(self, view: PosedView, cloud: VoxelCloud, validator: ViewValidator) -> None:
         """Records that a robot's view was integrated into a cloud. From time to time cameras are compared with others in it."""
+        self.frames.record_view(view)
         self._n_robot_views += 1
         if self._n_robot_views >= self._config.compare_every_views:  # it costs some milliseconds
             self._n_robot_views = 0
             within_ns = round(1e9 * self._config.compare_within_s)
-            accused = self.record_agreement(cloud.agreement(validator.cameras_current_since_ns(), within_ns))
+            agreement = cloud.agreement(validator.cameras_current_since_ns(), within_ns)
+            n_wrong, accused = len(self.frames.problems()), ""
+            self.frames.compare_doubtful(cloud, view.floor_z_m)
+            if len(self.frames.problems()) == n_wrong:
+                accused = self.record_agreement(
+                    agreement, lambda suspects: self.frames.accused_of(suspects, cloud, view.floor_z_m)
+                )
+            if len(self.frames.problems()) > n_wrong:
+                self._excused = {source: found.n_refuted for source, found in agreement.items()}
             if accused:
-                self._cameras[accused].begin_fit(cloud.measured_by(accused))
+                self._cameras[accused].begin_fit(cloud.measured_by({accused}))
             for source, camera in sorted(self._cameras.items()):
                 camera.try_to_fit(lambda source=source: cloud.measured_by_others(source))  # type: ignore[misc]
 
-    def record_agreement(self, agreement: Mapping[str, Agreement]) -> str:
+    def record_agreement(
+        self, agreement: Mapping[str, Agreement], choose: Callable[[list[str]], str] = lambda suspects: suspects[0]
+    ) -> str:
         """Compares cameras with others, by source. One at most is put into quarantine: it may make others look wrong.
+
+        Args:
+            choose: which of the cameras that others look through, worst first; "": none of them.
 
         Returns:
             The camera that was put into quarantine; "" if none was.
         """
-        c = self._config
-        wrong = [
-            (found.refuted_share, source)
-            for source, found in agreement.items()
-            if source.startswith("camera/")
-            and found.n_refuted >= c.min_refuted_voxels
-            and found.refuted_share >= c.max_refuted_share
-            and source not in self.reasons()
-        ]
-        if not wrong:
+        c, reasons, shares = self._config, self.reasons(), dict[str, float]()
+        for source, found in agreement.items():
+            n_refuted = max(0, found.n_refuted - self._excused.get(source, 0))
+            share = replace(found, n_refuted=n_refuted).refuted_share
+            is_wrong = n_refuted >= c.min_refuted_voxels and share >= c.max_refuted_share
+            if source.startswith("camera/") and is_wrong and source not in reasons:
+                shares[source] = share
+        if not shares:
             return ""
-        share, source = max(wrong)
-        self._cameras.setdefault(source, _Camera()).why = (
-            f"others look through {100 * share:.0f} % of what it has measured where both have looked: its position or "
-            "its direction is wrong, or it isn't this camera"
-        )
+        source = choose(sorted(shares, key=lambda source: (shares[source], source), reverse=True))
+        if source:
+            self._cameras.setdefault(source, _Camera()).why = (
+                f"others look through {100 * shares[source]:.0f} % of what it has measured where both have looked: its position "
+                "or its direction is wrong, or it isn't this camera"
+            )
         return source
 
     def reasons(self) -> dict[str, str]:
@@ -217,6 +235,8 @@ class Quarantine:
     def forget(self, source: str) -> None:
         """Forgets what a camera's views have shown, so that it is believed until they show it again."""
         self._cameras.pop(source, None)
+        self._excused.pop(source, None)
+        self.frames.forget_camera(source)
 
     def state_of(self, source: str) -> dict[str, Any] | None:
         """What is known of a camera, for ``adopt``; None if nothing is."""
@@ -230,13 +250,21 @@ class Quarantine:
     def state(self) -> dict[str, Any]:
         """Everything as plain values, for ``from_state``."""
         cameras = [[source, camera.state()] for source, camera in sorted(self._cameras.items())]
-        return {"cameras": cameras, "n_robot_views": self._n_robot_views}
+        return {
+            "cameras": cameras,
+            "n_robot_views": self._n_robot_views,
+            "frames": self.frames.state(),
+            "excused": sorted(self._excused.items()),
+        }
 
     @classmethod
     def from_state(cls, state: Mapping[str, Any], config: ValidationConfig) -> Quarantine:
         quarantine = cls(config)
         quarantine._cameras = {source: _Camera.from_state(camera) for source, camera in state["cameras"]}
         quarantine._n_robot_views = state["n_robot_views"]
+        if "frames" in state:  # an earlier program's snapshot has none
+            quarantine.frames.adopt(state["frames"])
+            quarantine._excused = dict(state["excused"])
         return quarantine
 
     def _camera_of(self, view: PosedView) -> _Camera:
@@ -245,6 +273,7 @@ class Quarantine:
         text = view.T_world_camera.tobytes() + repr((view.camera, view.mounting_offset_m)).encode()
         description = hashlib.blake2b(text, digest_size=8).hexdigest()
         if camera.descriptions.setdefault(view.view, description) != description:  # it was calibrated anew
+            self.forget(view.source)
             camera = self._cameras[view.source] = _Camera({view.view: description})
         camera.place = (float(view.T_world_camera[0, 3]), float(view.T_world_camera[1, 3]), float(view.floor_z_m))
         return camera

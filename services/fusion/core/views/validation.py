@@ -16,7 +16,8 @@ Faults of a view beside the earlier ones of its source (``ViewValidator``):
     intrinsics_changed  other intrinsics than in the previous view
 
 The maps themselves add ``geometry_disagrees`` (a mistake in a camera's description, see ``plausibility``), ``quarantined``,
-``out_of_map`` (farther away than a map may grow) and ``too_many_floors``.
+``frame_disagrees`` (a robot isn't where it says, see ``robot_frames``), ``out_of_map`` (farther away than a map may grow) and
+``too_many_floors``.
 
 A pixel without depth (NaN or 0) isn't a fault; it is left out.
 """
@@ -50,6 +51,7 @@ ViewFault = Literal[
     "intrinsics_changed",
     "geometry_disagrees",
     "quarantined",
+    "frame_disagrees",
     "out_of_map",
     "too_many_floors",
 ]

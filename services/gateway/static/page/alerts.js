@@ -27,6 +27,7 @@ function found(now) {
   for (const c of all("camera")) if (c.stale) add(`camera ${c.id}`, "bad", `Camera ${c.id} is ${presence(c, now)}`, c.last_seen);
     else if (!["live", "connecting"].includes(c.stream.state)) add(`stream ${c.id}`, "bad", `The stream of camera ${c.id} is ${c.stream.state.replace("_", " ")}: ${c.stream.reason}`, c.stream.since);
   for (const c of all("camera")) if (c.quarantine && !c.stale) add(`quarantine ${c.id}`, "bad", `Camera ${c.id} isn't believed until it is calibrated anew: ${c.quarantine}`, null);
+  for (const r of all("robot")) if (r.frame_problem && !r.stale) add(`frame ${r.id}`, "bad", capital(r.frame_problem), null);
   const workers = all("worker");
   for (const w of workers) if (w.stale && workers.length > 1) add(`worker ${w.id}`, "warn", `Perception worker ${w.id} is gone`, w.last_seen);
   for (const kind of one("readiness", "")?.missing ?? []) if (kind !== "robot") add(`missing ${kind}`, "bad", MISSING[kind] ?? `${kind} is missing`, lastOf(kind));
@@ -41,6 +42,7 @@ const MISSING = {
   perception: "Perception is down: new pictures aren't looked at", fusion: "Fusion is down: the maps don't change",
   planner: "The planner is down: no mission can run", router: "The router is down: nothing is heard",
 };
+const capital = text => text[0].toUpperCase() + text.slice(1);
 const names = robots => robots.length === 1 ? `Robot ${robots[0].id} is` : `${robots.length} robots are`;
 
 function lastOf(kind) {

@@ -10,12 +10,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from surveilnav.occupancy import PRIOR_FREE
 from surveilnav.services.planner.core.config import PlannerConfig
 from surveilnav.services.planner.core.inputs import FloorMaps
 from surveilnav.services.planner.core.motion.terrain import Terrain
 
 #: Where the value alone ranks frontiers, a metre of travel costs this little, so that it only decides between equal values.
 _TIE_BREAK_PER_M = 1e-6
+#: Floor within this of a frontier may be hidden behind it, and so much is as good as a wide frontier.
+_HIDDEN_WITHIN_M, _MUCH_HIDDEN_M2 = 2.0, 6.0
 #: Values whose standard deviation is less are equal.
 _MIN_STD = 1e-6
 
@@ -30,6 +33,7 @@ class Frontier:
         travel_time_m: from the robot, in metres of comfortable free space.
         value: relevance to the target by the strategy; NaN where nothing is known.
         score: what ranks it, higher is better.
+        hidden_m2: known free floor around it that nobody has looked at, by a map from before; NaN: there is no such map.
     """
 
     x_m: float
@@ -38,6 +42,7 @@ class Frontier:
     travel_time_m: float
     value: float = math.nan
     score: float = 0.0
+    hidden_m2: float = math.nan
 
 
 def find_frontiers(
@@ -53,7 +58,7 @@ def find_frontiers(
     marked = np.argwhere(cells)
     label = labels[marked[:, 0], marked[:, 1]]
     by_label = np.argsort(label, kind="stable")
-    found = []
+    found, hidden_m2 = [], _hidden_m2(terrain.crop(maps.occupancy), terrain.grid.resolution_m)
     for members in np.split(marked[by_label], np.flatnonzero(np.diff(label[by_label])) + 1):
         if len(members) < config.frontier_min_cells:
             continue
@@ -62,8 +67,19 @@ def find_frontiers(
             time_m = _least_travel_time(travel_time_m, middle, config.same_place_m / terrain.grid.resolution_m)
             if math.isfinite(time_m):
                 x, y = terrain.centre_of(int(middle[0]), int(middle[1]))
-                found.append(Frontier(x, y, len(piece), time_m))
+                hidden = math.nan if hidden_m2 is None else float(hidden_m2[middle[0], middle[1]])
+                found.append(Frontier(x, y, len(piece), time_m, hidden_m2=hidden))
     return found
+
+
+def _hidden_m2(occupancy: NDArray[np.uint8], resolution_m: float) -> NDArray[np.float32] | None:
+    """Around each cell, the area of free floor that only a map from before knows; None without such a map."""
+    hidden = occupancy == PRIOR_FREE
+    if not hidden.any():
+        return None
+    side = 2 * round(_HIDDEN_WITHIN_M / resolution_m) + 1
+    share = cv2.boxFilter(hidden.astype(np.float32), -1, (side, side), borderType=cv2.BORDER_CONSTANT)
+    return np.asarray(share * (side * resolution_m) ** 2, np.float32)
 
 
 def rank(
@@ -89,12 +105,14 @@ def rank(
 def _score(frontier: Frontier, scaled_value: float, wide: float, config: PlannerConfig) -> float:
     """A frontier's score: its utility, which is a relative chance per metre, or its scaled value (0 to 1) alone.
 
-    A wide frontier (``wide`` cells) is expected to hide more than a slit, and the frontier of the highest value has
+    A wide frontier (``wide`` cells) is expected to hide more than a slit; where a map from before knows how much is hidden, that
+    counts instead. The frontier of the highest value has
     ``1 + value_gain`` times the chance of the one of the lowest.
     """
     if config.frontier_score == "value":
         return (scaled_value + _TIE_BREAK_PER_M) / (1.0 + _TIE_BREAK_PER_M * frontier.travel_time_m)
-    hides = 0.5 + 0.5 * min(1.0, frontier.n_cells / wide)
+    share = frontier.n_cells / wide if math.isnan(frontier.hidden_m2) else frontier.hidden_m2 / _MUCH_HIDDEN_M2
+    hides = 0.5 + 0.5 * min(1.0, share)
     return hides * (1.0 + config.value_gain * scaled_value) / (frontier.travel_time_m + config.explore_cost_m)
 
 

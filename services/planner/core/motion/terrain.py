@@ -16,7 +16,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from surveilnav.geometry import Grid
-from surveilnav.messages.maps import ESTIMATED_OBSTACLE
+from surveilnav.occupancy import ESTIMATED_OBSTACLE, PRIOR_FREE
 from surveilnav.robot_body import clearance_m, fits
 from surveilnav.services.planner.core.config import PlannerConfig
 from surveilnav.services.planner.core.inputs import FloorMaps, RobotView
@@ -34,8 +34,8 @@ class Terrain:
 
     Attributes:
         grid: frame of the window; all arrays are (rows, cols) of it. ``row0``, ``col0``: its first cell in the map.
-        occupied: bool, obstacles that a sensor measured.
-        known: bool, explored and not occupied, also not by an obstacle that is only estimated.
+        occupied: bool, obstacles that a sensor measured, or that a map from before has.
+        known: bool, explored or known from before, and not occupied, also not by an obstacle that is only estimated.
         clearance_m: float32, distance to the nearest obstacle as mapped.
         speed: float64, 0 where the robot's centre can't be, else in (0, 1].
         bumps: (n, 3) float64 x, y [m], yaw [rad]: places and headings from which a move was cut short.
@@ -99,14 +99,15 @@ def build_terrain(
     grid = Grid(maps.grid.origin_x_m + col0 * r, maps.grid.origin_y_m + row0 * r, r, row1 - row0, col1 - col0)
 
     estimated = maps.occupancy[window] == ESTIMATED_OBSTACLE
-    occupancy = ((maps.occupancy[window] != 0) & ~estimated).astype(np.uint8)
+    prior_free = maps.occupancy[window] == PRIOR_FREE  # nobody has looked there yet, but the way is known
+    occupancy = ((maps.occupancy[window] != 0) & ~estimated & ~prior_free).astype(np.uint8)
     _paint(occupancy, grid, state.here.visited[-200:], 0.0, value=0)
     if any(
         area.kind == "open" for area in maps.areas
     ):  # what the map holds there is the door, from before it was opened
         estimated |= (occupancy != 0) & (opened := cells_in(grid, maps.areas, "open"))
         occupancy[opened] = 0
-    occupied, explored = occupancy != 0, maps.explored[window] != 0
+    occupied, explored = occupancy != 0, (maps.explored[window] != 0) | prior_free
     clearance = clearance_m(occupied, r)
     speed = _speed(clearance, explored, config)
     if estimated.any():  # perhaps nothing is there: the robot drives around it if it can, and through it if it must

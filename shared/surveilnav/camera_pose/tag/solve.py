@@ -99,7 +99,7 @@ def solve_tag(
         else:
             names.append(name)
     while names:
-        seen = _observations(
+        seen = observations(
             names, lenses, sightings, floor_z_m, sigma_px, (sigma_robot_m, sigma_robot_m, sigma_robot_rad)
         )
         rough = _rough(seen)
@@ -137,7 +137,7 @@ def fault_of_lens(lens: Lens, sightings: Sightings, camera: str) -> str:
     return ""
 
 
-def _observations(
+def observations(
     names: list[str],
     lenses: Mapping[str, Lens],
     sightings: Sightings,
@@ -271,7 +271,7 @@ def _fit(
             math.sqrt(2 * float(np.square(residuals[own]).mean())),
         )
     others = seen[~agree]
-    off = _stops_off(state, others)
+    off = stops_off(state, others)
     left_out = tuple(
         LeftOut(names[camera], int(stop) + 1, float(np.hypot(*moved[:2])), float(abs(moved[2])))
         for camera, stop, moved in zip(others.camera, others.stop, off, strict=True)
@@ -279,7 +279,7 @@ def _fit(
     return TagFit(cameras, refused, state.T_robot_tag, left_out)
 
 
-def _stops_off(state: State, seen: Observations) -> NDArray[np.float64]:
+def stops_off(state: State, seen: Observations) -> NDArray[np.float64]:
     """(n, 3): how far the robot would have to be from where it said, for each sighting by itself: x, y [m] and yaw [rad]."""
     at = linearise(replace(state, stops=seen.stops), seen)
     off = np.full((len(seen), 3), np.nan)

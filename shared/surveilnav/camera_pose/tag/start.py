@@ -106,7 +106,7 @@ def _guesses(seen: Observations) -> Iterator[tuple[Matrix4, _Array]]:
         T = np.eye(4)
         T[:3, :3], T[:3, 3] = R, np.median(away, axis=0)
         off_m = np.linalg.norm(away - T[:3, 3], axis=1)
-        turns, R_robot_tag = _mounting(R, T_world_robot[:, :3, :3], poses.R_camera_tag)
+        turns, R_robot_tag = mounting(R, T_world_robot[:, :3, :3], poses.R_camera_tag)
         cost = np.minimum(1, (off_m / _OFF_M) ** 2).sum() + turns
         cost += _UPSIDE_DOWN if R[2, 1] > 0.3 else 0.0
         if T[2, 3] > seen.floor_z_m[seen.stop].min():
@@ -143,7 +143,7 @@ def _frame(x: _Array) -> _Array:
     return np.stack([x, y, np.cross(x, y)], axis=1)
 
 
-def _mounting(R_world_camera: _Array, R_world_robot: _Array, R_camera_tag: _Array) -> tuple[float, _Array]:
+def mounting(R_world_camera: _Array, R_world_robot: _Array, R_camera_tag: _Array) -> tuple[float, _Array]:
     """R_robot_tag that most sightings agree on, and how many don't.
 
     Args:

@@ -10,7 +10,7 @@ import pytest
 
 from surveilnav.benchmark.play.depth_error import DepthError
 from surveilnav.geometry import Pinhole
-from surveilnav.messages.maps import ESTIMATED_OBSTACLE, OBSTACLE
+from surveilnav.occupancy import ESTIMATED_OBSTACLE, OBSTACLE
 from surveilnav.services.fusion.core import FusionConfig, JointMap, snapshot
 
 LENS = Pinhole.from_hfov(200, 160, math.radians(90))

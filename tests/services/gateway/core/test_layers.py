@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from surveilnav.geometry import Grid
-from surveilnav.messages.maps import ESTIMATED_OBSTACLE, OBSTACLE
+from surveilnav.occupancy import ESTIMATED_OBSTACLE, OBSTACLE, PRIOR_FREE, PRIOR_OBSTACLE
 from surveilnav.sensing.layers import GRID_LAYERS
 from surveilnav.services.gateway.core.layers import COLOURS, as_array, colour_values, render, thinned_cloud, transform
 
@@ -113,3 +113,13 @@ def test_an_obstacle_that_is_only_estimated_is_paler():
     cells = np.array([[0, OBSTACLE, ESTIMATED_OBSTACLE]], np.uint8)
     alpha = decode(render("occupancy", Grid(0, 0, 1, 1, 3), cells).data)[0, :, 3]
     assert alpha[0] == 0 < alpha[2] < alpha[1]
+
+
+def test_what_only_a_map_from_before_has_is_in_a_colour_of_its_own():
+    cells = np.array([[0, OBSTACLE, PRIOR_OBSTACLE, PRIOR_FREE]], np.uint8)
+    rgba = decode(render("occupancy", Grid(0, 0, 1, 1, 4), cells).data)[0]
+    assert tuple(rgba[2, :3]) == tuple(rgba[3, :3]) != tuple(rgba[1, :3])
+    assert rgba[0, 3] == 0 < rgba[3, 3] < rgba[2, 3] < rgba[1, 3]
+    few = render("occupancy", Grid(0, 0, 1, 2, 4), np.vstack([cells, cells]), max_pixels=2)
+    assert (decode(few.data)[..., 3] > 0).all(), "coarser, walls still show"
+    assert tuple(decode(few.data)[0, 0, :3]) == tuple(rgba[1, :3])

@@ -81,7 +81,29 @@ function painted(layer, bitmap) {
     c.fillStyle = colour(`map-${layer}`);
     c.fillRect(0, 0, canvas.width, canvas.height);
   }
+  canvas.hasPrior = layer === "occupancy" && paintPrior(c, bitmap);
   return canvas;
+}
+
+/** What only a map from before has, in a colour of its own: green in the picture, where obstacles are grey. */
+function paintPrior(c, bitmap) {
+  const { width, height } = bitmap, prior = new OffscreenCanvas(width, height).getContext("2d", { willReadFrequently: true });
+  prior.drawImage(bitmap, 0, 0);
+  const picture = prior.getImageData(0, 0, width, height), { data } = picture;
+  let found = false;
+  for (let i = 0; i < data.length; i += 4) {
+    const isPrior = data[i + 3] && data[i + 1] > data[i] + 60;
+    data[i + 3] = isPrior ? 255 : 0;
+    found ||= isPrior;
+  }
+  if (!found) return false;
+  prior.putImageData(picture, 0, 0);
+  prior.globalCompositeOperation = "source-in";
+  prior.fillStyle = colour("map-prior");
+  prior.fillRect(0, 0, width, height);
+  c.globalCompositeOperation = "source-atop"; // its opacity stays
+  c.drawImage(prior.canvas, 0, 0);
+  return true;
 }
 
 /** The box [x0, y0, x1, y1] of what is explored: a home of 10 m mustn't drown in a map of 24 m. */

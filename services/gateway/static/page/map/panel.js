@@ -34,7 +34,7 @@ export function MapPanel() {
     ${!Cloud && html`<${Switches} shown=${shown} setShown=${setShown} />`}
     <div class="stage">${Cloud ? html`<${Cloud} floor=${floor} />` : html`<${MapStage} floor=${floor} shown=${shown} onLayers=${l => setLayers({ ...l })} />`}
       <${Empty} floor=${floor} /></div>
-    ${!Cloud && html`<${Legend} range=${shown.value ? layers?.pictures?.value?.range : null} problem=${shown.value ? layers?.problems?.value : null} />`}
+    ${!Cloud && html`<${Legend} range=${shown.value ? layers?.pictures?.value?.range : null} prior=${shown.occupancy && layers?.pictures?.occupancy?.canvas.hasPrior} problem=${shown.value ? layers?.problems?.value : null} />`}
     <${Positions} floor=${floor} />
   </section>`;
 }

@@ -130,7 +130,7 @@ def test_every_name_is_tested():
 
     from surveilnav.services.fusion.core.views.validation import ViewFault
 
-    elsewhere = {"geometry_disagrees", "quarantined"}  # test_plausibility.py
+    elsewhere = {"geometry_disagrees", "quarantined", "frame_disagrees"}  # test_plausibility.py, test_robot_frames.py
     assert {name for name, _ in FAULTS.values()} | elsewhere == set(get_args(ViewFault))
 
 
