@@ -45,5 +45,6 @@ def encode(observation: Observation, robot: str, jpeg_quality: int, *, stamp_ns:
         last_action=state.last_action,  # type: ignore[arg-type]
         collided=state.collided,
         path_m=state.path_m,
+        scan=observation.scan,
     )
     return EncodedObservation(message, payload, observation.truth)

@@ -66,7 +66,7 @@ class TopicsEntry(_Entry):
         "the name ends in /compressedDepth",
     )
     camera_info: _Name = Field("camera/color/camera_info", description="sensor_msgs/CameraInfo of the colour picture")
-    scan: _Name = Field("", description="sensor_msgs/LaserScan")
+    scan: _Name = Field("", description="sensor_msgs/LaserScan of a level scanner: one more source of obstacles")
     battery: _Name = Field("", description="sensor_msgs/BatteryState")
     localisation: _Name = Field(
         "",

@@ -30,6 +30,7 @@ FRAME_FIELDS = {
     "clock",
     "depth_source",
     "depth_uncertainty",
+    "scan",  # of a real robot's laser scanner
 }
 ODOMETRY_FIELDS = {"T_world_base", "last_action", "collided", "path_m"}
 

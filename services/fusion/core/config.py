@@ -94,6 +94,12 @@ class MapConfig(ConfigPart):
         gt=0,
         description="a floor at least this much lower is a drop, which blocks: an edge, a stair that leads down",
     )
+    scan_min_hits: int = Field(default=2, ge=1, description="laser scans that must end in a cell to block it")
+    scan_clear_ratio: float = Field(
+        default=2.0,
+        gt=0,
+        description="a cell that laser scans block is free again once this many times as many pass through it",
+    )
     obstacle_min_points: int = Field(default=3, ge=1, description="points that it takes to block a cell")
     clear_ratio: float = Field(
         default=6.0,

@@ -134,7 +134,8 @@ def _remove_from_geometry(state: dict[str, Any], removed: Contribution, config: 
     state["free_depths"]["images"] = [i for i in images if not removed.includes(i["order"][1], i["order"][0])]
     others = {m for number in np.unique(voxels["sources"]) for m in sets[number]} - {removed.source}
     if removed.is_whole and removed.source.startswith("robot/") and not any(m.startswith("robot/") for m in others):
-        state["layers"]["visited"][:] = 0  # no other robot was ever here
+        for name in ("visited", "scan_hits", "scan_passes"):
+            state["layers"][name][:] = 0  # no other robot was ever here
 
 
 def _remove_from_sets(cloud: dict[str, Any], source: str) -> None:

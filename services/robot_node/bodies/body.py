@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from surveilnav.geometry import Matrix4, Pinhole
 from surveilnav.messages import RobotDescription, Stair, WaypointPose, WaypointStatus
+from surveilnav.messages.view import ScanHeader
 from surveilnav.robot_state import RobotState
 from surveilnav.sensing.views import TrueInstances
 
@@ -28,6 +29,7 @@ class Observation:
         rgb: (height, width, 3) uint8.
         depth_m: (height, width) float32 [m] along the optical axis; 0 or NaN where there is none.
         truth: which instance each pixel shows. Only simulated robots know; None on a real one.
+        scan: of its laser scanner at about that moment; None: it has none.
     """
 
     state: RobotState
@@ -38,6 +40,7 @@ class Observation:
     rgb: NDArray[np.uint8]
     depth_m: NDArray[np.float32]
     truth: TrueInstances | None = None
+    scan: ScanHeader | None = None
 
 
 class Body(Protocol):

@@ -38,6 +38,22 @@ class DepthUncertainty(msgspec.Struct, frozen=True):
 MEASURED = DepthUncertainty()
 
 
+class ScanHeader(msgspec.Struct, frozen=True, kw_only=True):
+    """A planar laser scan of a robot, taken at about the time of its picture.
+
+    Attributes:
+        origin_m: (x, y, z) of the scanner [m, world].
+        start_rad: direction of the first beam in the world; ``step_rad``: from one beam to the next, anticlockwise if positive.
+        ranges_mm: a uint16 (little endian) for each beam: where it ended, 0: unknown, 65535: at nothing within ``max_range_m``.
+    """
+
+    origin_m: tuple[float, float, float]
+    start_rad: float
+    step_rad: float
+    max_range_m: float
+    ranges_mm: bytes
+
+
 class FrameHeader(Message, frozen=True, kw_only=True):
     """Describes an RGB-D picture; the payload is ``image``, then ``depth``.
 
@@ -53,6 +69,7 @@ class FrameHeader(Message, frozen=True, kw_only=True):
         clock: how the time of capture is known, which ``stamp_ns`` is.
         depth_source: where its depth comes from; "none": no pixel has one.
         depth_uncertainty: of an estimated depth.
+        scan: of a robot's laser scanner; None: it has none, or none at that time.
     """
 
     source: str
@@ -68,3 +85,4 @@ class FrameHeader(Message, frozen=True, kw_only=True):
     clock: CaptureClock = "arrival"
     depth_source: DepthSource = "sensor"
     depth_uncertainty: DepthUncertainty = MEASURED
+    scan: ScanHeader | None = None

@@ -30,6 +30,7 @@ from surveilnav.contract import ID
 from surveilnav.errors import WireError
 from surveilnav.geometry import Pinhole
 from surveilnav.messages import FrameHeader, PayloadPart
+from surveilnav.sensing.scans import decode_scan
 from surveilnav.sensing.views import PosedView
 
 DEPTH_QUANTUM_PER_M: Final = 0.001
@@ -104,6 +105,7 @@ def decode_frame(header: FrameHeader, payload: bytes) -> PosedView:
         depth_range_m=header.depth_range_m,
         depth_source=header.depth_source,
         depth_uncertainty=uncertainty,
+        scan=decode_scan(header.scan, header.T_world_camera.translation_m) if header.scan is not None else None,
     )
 
 

@@ -19,6 +19,23 @@ _MAX_DOWN_RAD = math.radians(75.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class LaserScan:
+    """A planar scan. Beam i points in the direction ``start_rad + i * step_rad`` of the world.
+
+    Attributes:
+        origin_m: (x, y, z) of the scanner [m, world].
+        ranges_m: (N,) float32: how far each beam is known to go; 0: unknown.
+        ends: (N,) bool: whether it ended at something there.
+    """
+
+    origin_m: tuple[float, float, float]
+    start_rad: float
+    step_rad: float
+    ranges_m: NDArray[np.float32]
+    ends: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class PosedView:
     """One RGB-D picture with its pose.
 
@@ -36,6 +53,7 @@ class PosedView:
         depth_range_m: (nearest, farthest) depth that the sensor measures.
         depth_source: where the depth comes from; "none": no pixel has one.
         depth_uncertainty: of an estimated depth.
+        scan: of a robot's laser scanner, if it has one.
     """
 
     source: str
@@ -51,6 +69,7 @@ class PosedView:
     depth_range_m: tuple[float, float]
     depth_source: DepthSource = "sensor"
     depth_uncertainty: DepthUncertainty = MEASURED
+    scan: LaserScan | None = None
 
     @property
     def is_robot(self) -> bool:

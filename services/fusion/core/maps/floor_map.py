@@ -12,18 +12,19 @@ from numpy.typing import NDArray
 
 from surveilnav.geometry import Grid
 from surveilnav.occupancy import ESTIMATED_OBSTACLE, PRIOR_FREE, PRIOR_OBSTACLE
-from surveilnav.sensing.views import PosedView
+from surveilnav.sensing.views import LaserScan, PosedView
 from surveilnav.services.fusion.core.config import MapConfig
 from surveilnav.services.fusion.core.maps.carving import FreeDepthHistory, FreeDepthImage, bounded_stamp_ns
 from surveilnav.services.fusion.core.maps.cloud import VoxelCloud
 from surveilnav.services.fusion.core.maps.counting import CellCounts, count_voxels_in_cells
 from surveilnav.services.fusion.core.maps.frontier import frontiers
 from surveilnav.services.fusion.core.maps.projection import azimuth_bins, azimuth_ranges, camera_position, world_points
+from surveilnav.services.fusion.core.maps.scan import count_beams, obstacles_of, scan_window
 
 #: A rectangle of cells: (row0, col0, rows, cols). Rows and columns are counted from the world's origin.
 Window = tuple[int, int, int, int]
 
-_LAYERS = ("_visited", "_voxels_present", "_voxels_carved")  # beside the counts
+_LAYERS = ("_visited", "_voxels_present", "_voxels_carved", "_scan_hits", "_scan_passes")  # beside the counts
 _COUNTS = ("_measured", "_estimated")
 #: Corrected depth is exactly the floor's where the floor is seen; this is for rounding.
 _ON_FLOOR_M = 0.01
@@ -55,6 +56,8 @@ class FloorMap:
         self._visited = np.zeros((cells, cells), np.uint8)
         self._voxels_present = np.zeros((cells, cells), np.int32)  # voxels of the cloud at heights that block
         self._voxels_carved = np.zeros((cells, cells), np.int32)
+        self._scan_hits = np.zeros((cells, cells), np.int32)
+        self._scan_passes = np.zeros((cells, cells), np.int32)
         self._frontier: tuple[int, NDArray[np.uint8]] | None = None
         self._occupancy: NDArray[np.uint8] | None = None
         self._free_depths = FreeDepthHistory(config.carve_memory)
@@ -86,6 +89,9 @@ class FloorMap:
         p_world, colours = world_points(view, c.points_per_view, max_range_m, c.depth_edge)
         window = window_around(p_world, p_camera, c.robot_radius_m, c.resolution_m)
         self._grow_to(*window)
+        scan = self._blocking_scan(view)
+        if scan is not None:
+            self._grow_to(*scan_window(scan, c.max_range_robot_m, c.resolution_m))
         new, restored = self.cloud.add(p_world, colours, p_camera, view.source, bounded_stamp_ns(view))
         self._count_voxels(new, 1, 0)
         self._count_voxels(restored, 1, -1)
@@ -100,6 +106,8 @@ class FloorMap:
         self._count(self._measured, p_world, p_camera, explored, window, max_explored_m)
         if view.is_robot:
             self._mark_visited(p_camera)
+        if scan is not None:
+            self._count_scan(scan)
         return len(p_world), ranges_m
 
     def integrate_estimated(self, view: PosedView, sigma: float) -> tuple[int, NDArray[np.float32]]:
@@ -148,7 +156,8 @@ class FloorMap:
 
         Occupied are cells with enough points at heights that block, and drops: cells without a floor, through which enough
         rays go down. A cell is free again if it is plainly seen as bare floor, if all but a few of its voxels are carved away, or
-        if a robot stood there. Estimates count where no sensor has measured. A prior obstacle counts until bare floor is seen
+        if a robot stood there. Estimates count where no sensor has measured. Laser scans have counts of their own: what passes
+        at a scanner's height clears nothing that depth shows at another. A prior obstacle counts until bare floor is seen
         there or a robot stood there: rays may have passed above it. Prior free floor counts until anything is seen there.
         """
         if self._occupancy is None:
@@ -163,6 +172,7 @@ class FloorMap:
         drop = counts.drop_points >= c.obstacle_min_points
         has_floor = counts.floor_views > c.clear_ratio * counts.drop_views
         occupied = (blocked & ~bare & ~carved) | (drop & ~has_floor)
+        occupied |= obstacles_of(self._scan_hits, self._scan_passes, c.scan_min_hits, c.scan_clear_ratio)
         out = np.asarray(occupied & (self._visited == 0)).view(np.uint8)
         estimated = self._estimated
         likely = estimated.obstacle_points >= c.obstacle_min_points
@@ -223,8 +233,10 @@ class FloorMap:
     def from_state(cls, state: dict[str, Any], config: MapConfig) -> FloorMap:
         floor = cls(state["floor"], float(state["z_m"]), (0.0, 0.0), config)
         floor.revision, floor._row0, floor._col0 = int(state["revision"]), int(state["row0"]), int(state["col0"])
-        for name in _LAYERS:
-            setattr(floor, name, np.array(state["layers"][name.lstrip("_")]))
+        for name in _LAYERS:  # stores of before there were scans have none
+            layer = state["layers"].get(name.lstrip("_"))
+            none = np.zeros(state["layers"]["visited"].shape, np.int32)
+            setattr(floor, name, none if layer is None else np.array(layer))
         for name in _COUNTS:
             counts = {key: np.array(layer) for key, layer in state["counts"][name.lstrip("_")].items()}
             setattr(floor, name, CellCounts(**counts))
@@ -273,6 +285,20 @@ class FloorMap:
         corner = window[0], window[1]
         offset = window[0] - self._row0, window[1] - self._col0
         counts.add(p_world, p_camera, self.z_m, explored, corner, offset, max_explored_m, self._config)
+
+    def _blocking_scan(self, view: PosedView) -> LaserScan | None:
+        """The view's laser scan, if the scanner is at a height that blocks."""
+        low_m, high_m = self._config.obstacle_min_m, self._config.obstacle_max_m
+        scan = view.scan if view.is_robot else None
+        return scan if scan is not None and low_m <= scan.origin_m[2] - self.z_m <= high_m else None
+
+    def _count_scan(self, scan: LaserScan) -> None:
+        """Counts where the beams of a scan ended and passed."""
+        reach_m, r = self._config.max_range_robot_m, self._config.resolution_m
+        row0, col0, rows, cols = scan_window(scan, reach_m, r)
+        part = np.s_[row0 - self._row0 : row0 - self._row0 + rows, col0 - self._col0 : col0 - self._col0 + cols]
+        beams = scan.ranges_m, scan.ends, *scan.origin_m[:2], scan.start_rad, scan.step_rad
+        count_beams(*beams, reach_m, r, row0, col0, self._scan_hits[part], self._scan_passes[part])
 
     def _mark_visited(self, p_camera: NDArray[np.float64]) -> None:
         """Marks the cells under a robot as visited; its camera is above its centre."""

@@ -20,6 +20,7 @@ from surveilnav.services.robot_node.bodies.body import Observation
 from surveilnav.services.robot_node.bodies.ros2.battery import Battery
 from surveilnav.services.robot_node.bodies.ros2.camera import RobotCamera, stamp_of
 from surveilnav.services.robot_node.bodies.ros2.place import RobotPlace
+from surveilnav.services.robot_node.bodies.ros2.scanner import RobotScanner
 from surveilnav.services.robot_node.bodies.ros2.transforms import TransformBuffer, TransformError
 from surveilnav.services.robot_node.bodies.ros2.velocity import Velocity, VelocityDrive
 from surveilnav.services.robot_node.bodies.ros2.waypoint import WaypointDrive
@@ -55,7 +56,7 @@ class Ros2Body:
         self._shown_ns = 0  # the newest pair that was shown
         self._acted_ns = 0  # by the robot's clock, when the last action ended
         self._problem, self._problem_since_s = "", time.monotonic()
-        self._battery, self._clock_off_s = Battery(), 0.0
+        self._battery, self._scanner, self._clock_off_s = Battery(), RobotScanner(self.place), 0.0
         self._closing = threading.Event()
         self._session = session
         self._subscribe(session)
@@ -95,6 +96,10 @@ class Ros2Body:
             lambda m: camera.add_depth(m.data),
             _SENSOR_QOS,
         )
+        if topics.scan:
+            session.subscribe(
+                topics.scan, "sensor_msgs/msg/LaserScan", lambda m: self._scanner.add(m.data), _SENSOR_QOS
+            )
         if topics.battery:
             session.subscribe(
                 topics.battery, "sensor_msgs/msg/BatteryState", lambda m: self._battery.add(m.data), _SENSOR_QOS
@@ -124,11 +129,11 @@ class Ros2Body:
 
     @property
     def notes(self) -> Sequence[str]:
-        off_s = self._clock_off_s
-        if abs(off_s) < _CLOCK_OFF_S:
-            return self.place.notes
-        side = "ahead of" if off_s > 0 else "behind"
-        return [*self.place.notes, f"its clock is {abs(off_s):.0f} s {side} this machine's; that does no harm"]
+        notes, off_s = [*self.place.notes], self._clock_off_s
+        if abs(off_s) >= _CLOCK_OFF_S:
+            side = "ahead of" if off_s > 0 else "behind"
+            notes.append(f"its clock is {abs(off_s):.0f} s {side} this machine's; that does no harm")
+        return [*notes, *([self._scanner.note] if self._scanner.note else [])]
 
     @property
     def battery(self) -> float | None:
@@ -267,7 +272,7 @@ class Ros2Body:
                 return None
             try:
                 T_world_base = self.place.base_in_building(stamp_ns)
-                T_world_camera = self.place.camera_in_building(self._camera.frame, stamp_ns)
+                T_world_camera = self.place.in_building(self._camera.frame, stamp_ns)
             except TransformError:
                 continue  # its transform may still come; an older picture may have one
             pair = self._camera.pair(stamp_ns)
@@ -279,9 +284,9 @@ class Ros2Body:
                     self._state = replace(self._state, seq=self._state.seq + 1)
                 state = self._at(self._state, T_world_base)
             height_m = float(T_world_camera[2, 3]) - self._file.floor_z_m
-            return Observation(
-                state, T_world_camera, pair.camera, height_m, self._file.depth_range_m, pair.rgb, pair.depth_m
-            )
+            scan = self._scanner.scan_at(stamp_ns)
+            range_m = self._file.depth_range_m
+            return Observation(state, T_world_camera, pair.camera, height_m, range_m, pair.rgb, pair.depth_m, scan=scan)
         return None
 
     def _at(self, state: RobotState, T_world_base: PlanarTransform) -> RobotState:

@@ -137,9 +137,9 @@ class RobotPlace:
         T_map_base = PlanarTransform.from_matrix(self._in_map(self._file.frames.base, stamp_ns))
         return self._frame() @ T_map_base
 
-    def camera_in_building(self, camera_frame: str, stamp_ns: int) -> Matrix4:
-        """``T_world_camera`` (4, 4) of its camera at a moment. Raises TransformError."""
-        T: Matrix4 = self._frame().matrix(self._file.floor_z_m) @ self._in_map(camera_frame, stamp_ns)
+    def in_building(self, frame: str, stamp_ns: int) -> Matrix4:
+        """``T_world_frame`` (4, 4) of its camera, or of another part, at a moment. Raises TransformError."""
+        T: Matrix4 = self._frame().matrix(self._file.floor_z_m) @ self._in_map(frame, stamp_ns)
         return T
 
     def camera_on_base(self, camera_frame: str) -> Matrix4:

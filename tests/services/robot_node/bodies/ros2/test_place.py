@@ -94,7 +94,7 @@ def robot():
 def test_its_place_is_the_product_of_frame_localisation_and_odometry(robot):
     at = robot.place.base_in_building()
     assert (at.x_m, at.y_m, at.yaw_rad) == pytest.approx((10.0, 1.0, math.pi / 2))
-    T = robot.place.camera_in_building("camera", S)
+    T = robot.place.in_building("camera", S)
     np.testing.assert_allclose(T, base_pose((10.0, 1.1, 3.9), math.pi / 2), atol=1e-9)
     assert robot.place.problem() == ""
 
@@ -138,7 +138,7 @@ def test_a_robot_without_localisation_is_lost_once_its_odometry_begins_anew(x, s
     robot.place.add_odometry(odometry(x, stamp_ns=stamp_ns), sender)
     assert "its odometry began anew" in robot.place.problem()
     with pytest.raises(TransformError):
-        robot.place.camera_in_building("camera", 20 * S)
+        robot.place.in_building("camera", 20 * S)
     robot.place.set_frame(PlanarTransform(1.0, 2.0, 0.0))
     assert robot.place.problem() == ""
     assert robot.place.base_in_building().x_m == pytest.approx(6.0)

@@ -13,6 +13,8 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from typing import Any
 
+import cv2
+import numpy as np
 import pytest
 
 from surveilnav.bus.router import free_port, open_router
@@ -20,6 +22,7 @@ from surveilnav.messages import WaypointPose
 from surveilnav.robot_file import RobotFile
 from surveilnav.robot_frame import PlanarTransform
 from surveilnav.ros2.session import RosSession
+from surveilnav.sensing.scans import decode_scan
 from surveilnav.services.robot_node.bodies.ros2 import waypoint as waypoint_module
 from surveilnav.services.robot_node.bodies.ros2.body import Ros2Body
 from surveilnav.simulator.hardware.config import RobotHardwareSettings
@@ -251,6 +254,23 @@ def test_a_robot_that_dies_in_mid_goal_is_named_and_its_goal_given_up(rig, monke
     assert why == "service /navigate_to_pose/_action/get_result was left without an answer: its node has gone"
     assert "no odometry came for" in r.reads()
     assert r.body.observe() is None
+
+
+def test_its_laser_scan_comes_with_what_it_sees_where_the_walls_are(rig, building):
+    assert until(rig().ready().body.observe).scan is None, "a topic that isn't in the robot file isn't listened to"
+    r = rig(file={"topics": {"scan": "scan"}}, drift=0.0, localisation_sigma_m=0.0, localisation_sigma_deg=0.0).ready()
+    r.drive(0.6, 0.3)
+    r.ended()
+    seen = until(lambda: (o := r.body.observe()) and o.scan and o, timeout_s=WAIT_S)
+    scan = decode_scan(seen.scan, tuple(seen.T_world_camera[:3, 3]))
+    assert scan.ends.sum() > 100
+    angles = scan.start_rad + np.arange(len(scan.ranges_m)) * scan.step_rad
+    ends = np.array(scan.origin_m[:2]) + scan.ranges_m[:, None] * np.stack([np.cos(angles), np.sin(angles)], -1)
+    grid = building.navigation.floors["0"].grid
+    cells = grid.cells_of(ends[scan.ends])
+    near = cv2.dilate((~r.robot._lidar._open).astype(np.uint8), np.ones((5, 5), np.uint8))
+    hits = [near[row, col] for row, col in cells if grid.contains((row, col))]
+    assert np.mean(hits) > 0.95, "beams end where the building has something"
 
 
 def test_its_battery_is_known_as_soon_as_it_says(rig):
