@@ -61,6 +61,7 @@ def test_garbage_on_every_key_stops_nothing(running):
         "recorder": "recorder",
         "keeper": "fusion",
         "player": "replay",
+        "passage": "lobby",
     }
     keys = {stream: stream.key_for(**{f: ids[f] for f in stream.fields}) for stream in STREAMS}
     s.search("tv", mission=mission)

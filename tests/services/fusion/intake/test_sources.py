@@ -52,10 +52,14 @@ class FakeNode:
         self.slots_opened: list[FakeSlot] = []
         self.rejected: list[str] = []
         self.warned: list[tuple[str, dict[str, object]]] = []
+        self.problems: dict[str, str] = {}
         self.log = structlog.wrap_logger(None, processors=[self._drop])
 
     def _drop(self, *_):
         raise structlog.DropEvent
+
+    def report_problem(self, name, text):
+        self.problems[name] = text
 
     def table(self, stream):
         return self.infos if stream is contract.CAMERA_INFO else self.statuses
