@@ -17,7 +17,7 @@ from surveilnav.services.planner.core.goals import objects
 from surveilnav.services.planner.core.goals.frontiers import Frontier, find_frontiers
 from surveilnav.services.planner.core.inputs import FloorMaps, RobotView
 from surveilnav.services.planner.core.memory.mission_state import MissionState
-from surveilnav.services.planner.core.motion.areas import Area
+from surveilnav.services.planner.core.motion.areas import Area, barring_area
 from surveilnav.services.planner.core.motion.drive import LocalPlanner, Route
 from surveilnav.services.planner.core.motion.terrain import (
     Terrain,
@@ -128,8 +128,7 @@ class StepContext:
 
     def area_at(self, x_m: float, y_m: float) -> str:
         """The name of the keepout zone or closed passage at a place; empty if there is none."""
-        barring = (area for area in self.maps.areas if area.kind != "open")
-        return next((area.name for area in barring if area.contains(x_m, y_m)), "")
+        return barring_area(self.maps.areas, x_m, y_m)
 
     def leads_through_barred(self, x_m: float, y_m: float) -> bool:
         """Whether the straight line from the robot to a place touches a keepout zone or a closed passage."""

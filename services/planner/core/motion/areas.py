@@ -68,6 +68,11 @@ def barred_cells(grid: Grid, areas: tuple[Area, ...], radius_m: float) -> Barred
     return cells if cells.near.any() else None
 
 
+def barring_area(areas: tuple[Area, ...], x_m: float, y_m: float) -> str:
+    """The name of the keepout zone or closed passage at a place; empty if there is none."""
+    return next((area.name for area in areas if area.kind != "open" and area.contains(x_m, y_m)), "")
+
+
 def cells_in(grid: Grid, areas: tuple[Area, ...], *kinds: AreaKind) -> NDArray[np.bool_]:
     """(rows, cols) the cells that an area of these kinds touches, and one more all around."""
     low, size = (grid.origin_x_m, grid.origin_y_m), (grid.cols * grid.resolution_m, grid.rows * grid.resolution_m)

@@ -21,7 +21,7 @@ from surveilnav.robot_body import clearance_m, fits
 from surveilnav.services.planner.core.config import PlannerConfig
 from surveilnav.services.planner.core.inputs import FloorMaps, RobotView
 from surveilnav.services.planner.core.memory.mission_state import MissionState
-from surveilnav.services.planner.core.motion.areas import BarredCells, barred_cells, cells_in, way_out
+from surveilnav.services.planner.core.motion.areas import BarredCells, barred_cells, barring_area, cells_in, way_out
 from surveilnav.services.planner.core.motion.fast_marching import fast_march
 
 #: Travel time to a cell that no way leads to.
@@ -42,6 +42,7 @@ class Terrain:
         revisit_m: float64, additional cost of a step that ends in a cell to which the robot came repeatedly of late.
         barred: where keepout zones and closed passages keep robots out; None: nowhere. ``speed`` is 0 there, unless the robot
             is there and has to get out.
+        must_leave: the robot is inside such a place, and has to get out before anything else.
         speed_of_others: the speed for navigation that knows nothing of them, such as Nav2's.
     """
 
@@ -55,6 +56,7 @@ class Terrain:
     bumps: NDArray[np.float64]
     revisit_m: NDArray[np.float64]
     barred: BarredCells | None = None
+    must_leave: bool = False
     speed_of_others: NDArray[np.float64] | None = None
 
     def crop(self, layer: NDArray) -> NDArray:
@@ -121,25 +123,39 @@ def build_terrain(
     known = explored & ~occupied & ~estimated
     terrain = Terrain(grid, row0, col0, occupied, known, clearance, speed, bumps, revisit)
     barred = barred_cells(grid, maps.areas, config.robot_radius_m) if maps.areas else None
-    return terrain if barred is None else _with_barred(terrain, barred, robot, config)
+    return (
+        terrain
+        if barred is None
+        else _with_barred(
+            terrain, barred, robot, config, stands_in=bool(barring_area(maps.areas, robot.x_m, robot.y_m))
+        )
+    )
 
 
-def _with_barred(terrain: Terrain, barred: BarredCells, robot: RobotView, config: PlannerConfig) -> Terrain:
+def _with_barred(
+    terrain: Terrain, barred: BarredCells, robot: RobotView, config: PlannerConfig, *, stands_in: bool
+) -> Terrain:
     """The terrain without the cells where no robot is sent.
 
-    A robot whose body reaches into an area can leave it: slowly, so that the way out is short.
+    A robot that stands in an area, or whose body reaches into one, can leave it: slowly, so that the way out is short.
     """
     passable = np.zeros(terrain.grid.shape, dtype=bool)
     here = terrain.cell(robot.x_m, robot.y_m)
-    if barred.inside[here]:
+    row, col = here
+    around = barred.inside[max(0, row - 1) : row + 2, max(0, col - 1) : col + 2]
+    must_leave = stands_in or bool(
+        around.all()
+    )  # a robot at the outermost cells just drives on: navigation cuts corners
+    if must_leave:
         passable = way_out(barred, here)
     elif barred.near[here]:
         passable = (
             terrain.disc(robot.x_m, robot.y_m, config.robot_radius_m + config.robot_free_radius_m) & ~barred.inside
         )
+        passable[here] = True
     speed = np.where(barred.near, 0.0, terrain.speed)
     speed[passable & barred.near] = _WAY_OUT_SPEED * terrain.speed[passable & barred.near]
-    return replace(terrain, speed=speed, barred=barred, speed_of_others=terrain.speed)
+    return replace(terrain, speed=speed, barred=barred, must_leave=must_leave, speed_of_others=terrain.speed)
 
 
 #: Factor on the speed of a robot that leaves an area where it shouldn't be.

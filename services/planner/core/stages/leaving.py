@@ -14,10 +14,11 @@ def leave_area(context: StepContext) -> Decision | None:
     Without a way out the mission fails, and says where the robot stands.
     """
     terrain, robot = context.terrain, context.robot
-    here = terrain.cell(robot.x_m, robot.y_m)
-    if terrain.barred is None or not terrain.barred.inside[here]:
+    if not terrain.must_leave:
         return None
-    name = context.area_at(robot.x_m, robot.y_m) or "a place where no robot is sent"
+    r = 2 * terrain.grid.resolution_m
+    places = ((robot.x_m + dx, robot.y_m + dy) for dx in (0.0, -r, r) for dy in (0.0, -r, r))
+    name = next((name for place in places if (name := context.area_at(*place))), "a place where no robot is sent")
     context.state.reset_stuck_timer()
     reachable = np.isfinite(context.travel_time_m)
     for goals in (reachable & terrain.known, reachable):

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import sqlite3
 import threading
+from dataclasses import replace
 
+import msgspec
 import numpy as np
 import pytest
 
+from surveilnav.sensing.packing import decode_frame
+from surveilnav.sensing.scans import encode_scan
 from surveilnav.services.fusion.core.snapshot import dump
 from surveilnav.services.fusion.map_log import snapshots
 from surveilnav.services.fusion.map_log.log import LogState
@@ -57,6 +61,22 @@ def test_what_was_taken_is_there_after_a_restart(run, tools, tmp_path, snapshot_
         assert (r.node.said, r.node.rejected) == (["restored"], [])
     assert r.maps.processed.robots["r"].seq == 15
     assert r.maps.processed.digests["camera/c", 0] == bytes([11]) * 16
+
+
+@pytest.mark.parametrize("snapshot_views", [2, 1000])
+def test_laser_scans_are_there_to_the_bit_after_a_restart(run, snapshot_views):
+    r = run(snapshot_views=snapshot_views)
+    for seq in range(1, 6):
+        p = r.view(seq)
+        x, y, _ = p.header.T_world_camera.translation_m
+        scan = encode_scan((x, y, 0.2), 0.1 * seq, 0.02, np.linspace(0.5, 3.0, 300), 10.0)
+        header = msgspec.structs.replace(p.header, scan=scan)
+        r.log.integrate([replace(p, header=header, view=decode_frame(header, p.payload))])
+    before = dump(r.maps.joint)
+    assert sum(f.geometry.state()["layers"]["scan_hits"].sum() for f in r.maps.joint._floors.values()) > 100
+    r.close()
+    r.start()
+    assert dump(r.maps.joint) == before
 
 
 def test_refused_views_stay_refused_after_a_restart(run):
