@@ -44,7 +44,7 @@ FROM ${BASE} AS services
 LABEL org.opencontainers.image.title="SurveilNav" org.opencontainers.image.licenses="Apache-2.0"
 # A running container installs nothing: pip goes, and what Python would make it anew from.
 RUN useradd --system --uid 10001 --home-dir /tmp --shell /usr/sbin/nologin surveilnav \
- && install -d -o 10001 -g 10001 /var/cache/surveilnav /var/lib/surveilnav /var/lib/recordings \
+ && install -d -o 10001 -g 10001 /var/cache/surveilnav /var/lib/surveilnav /var/lib/recordings /etc/surveilnav \
  && find / -xdev \( -path '*/bin/pip*' -o -path '*/ensurepip/_bundled' -o -path '*/share/python-wheels' -o -path '*-packages/pip' -o -path '*-packages/pip-*' \
       -o -path '*-packages/setuptools*' -o -path '*-packages/wheel*' -o -path '*-packages/pkg_resources' \) -prune -exec rm -r {} +
 COPY --from=packages /opt/packages /opt/packages

@@ -52,6 +52,14 @@ def run(
             help="How the robot moves: actions, one discrete action at a time, or waypoints, driving to poses by itself."
         ),
     ] = "actions",
+    localisation: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME=VALUE,...",
+            help="How wrong a robot that drives to waypoints is about where it is: sigma_m, sigma_deg, drift, frame_m, "
+            "frame_deg, jump_m, jump_after_m.",
+        ),
+    ] = "",
     surveillance: Annotated[str, typer.Option(help="on or off: whether cameras take part.")] = "on",
     perception: Annotated[
         str, typer.Option(help="Perception backend: simulated, oracle, compact or onnx-coco.")
@@ -80,6 +88,7 @@ def run(
         policy=policy,
         planner=planner,  # type: ignore[arg-type]
         drive=drive,  # type: ignore[arg-type]
+        localisation=_errors_of(localisation),
         surveillance=_on(surveillance),
         perception=perception,  # type: ignore[arg-type]
         density_m2=density,
@@ -104,6 +113,15 @@ def run(
         raise ConfigError(f"no episode could be played; see above, or {folder}")
     _print_outcome(finished, folder, time.monotonic() - began_s, as_json)
     sys.exit(0 if finished.complete else 1)
+
+
+def _errors_of(text: str) -> dict[str, float]:
+    """The numbers of ``drift=0.01,sigma_m=0.02``."""
+    pairs = [part.partition("=") for part in text.split(",") if part]
+    try:
+        return {name.strip(): float(value) for name, _, value in pairs}
+    except ValueError:
+        raise typer.BadParameter(f"expected numbers, such as drift=0.01,sigma_m=0.02, got {text!r}") from None
 
 
 def _print_outcome(finished: Finished, folder: Path, seconds: float, as_json: bool) -> None:

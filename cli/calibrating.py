@@ -7,6 +7,7 @@ import os
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 import cv2
@@ -18,6 +19,7 @@ from surveilnav.camera_pose.angles import yaw_pitch_roll
 from surveilnav.camera_pose.estimated_pose import EstimatedPose
 from surveilnav.camera_pose.overlay import draw_overlay
 from surveilnav.cameras_file import CameraEntry, load_cameras
+from surveilnav.cameras_file.uncalibrated import placeholder
 from surveilnav.errors import ConfigError
 from surveilnav.geometry import Matrix4
 from surveilnav.geometry.polygon import pixels_in
@@ -72,6 +74,13 @@ def yaml_of_pose(T_world_camera: Matrix4) -> dict[str, str]:
     }
 
 
+def command_for(camera: str, plan: Path | None, cameras_file: Path, fit_hfov: bool = False) -> str:
+    """What a person types to calibrate a camera. ``plan``: its floor's; None: there is none, and points are given in metres."""
+    points = f"--plan {quote(str(plan))}" if plan else f"--clicks {camera}.clicks.yaml --write"
+    fit = " --fit-hfov" if fit_hfov else ""
+    return f"surveilnav cameras calibrate {camera} {points}{fit} --file {quote(str(cameras_file))}"
+
+
 def calibrate(camera: str, clicks: Clicks, source: Path, cameras_file: Path, fit_hfov: bool) -> Calibrated:
     """Solves for the pose of a camera of a file.
 
@@ -120,7 +129,8 @@ def camera_entry(camera: str, path: Path) -> tuple[CameraEntry, float]:
         hint = ""
         if any("position_m: Field" in p or "yaw_deg: Field" in p for p in problems):
             hint = (
-                "\nUntil it is calibrated, write `position_m: [0, 0, 2.5]` (z above the floor's z_m) and `yaw_deg: 0`."
+                f"\nUntil it is calibrated, write `position_m: {placeholder()['position_m']}` (z above the floor's z_m) and "
+                "`yaw_deg: 0`."
             )
         raise ConfigError("\n".join(f"{path}, {p}" for p in problems) + hint)
     raise ConfigError(f"{path}: there is no camera {camera!r}; there are {', '.join(file.cameras) or 'none'}")

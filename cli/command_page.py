@@ -14,6 +14,7 @@ from surveilnav.cli.main import app
 
 #: What ``--json`` prints, by command: `Name` is a resource of REST.
 SHAPES: dict[str, str] = {
+    "init": "`folder`, `files`, `next` (commands)",
     "demo": "the run's `run.json`",
     "prepare": "`building`, `floors`, `cameras`, `perception`, `notes`, `seconds`",
     "buildings": "items: `name`, `about`, `floors`, `rooms`, `area_m2`",

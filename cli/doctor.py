@@ -6,45 +6,28 @@ import importlib
 import platform
 import shutil
 import sys
-from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
-from rich.console import Console
-
-from surveilnav.config import cache_dir, models_dir, offline
+from surveilnav.cli.finding import Finding
+from surveilnav.cli.perception_check import check_weights
+from surveilnav.config import cache_dir
 from surveilnav.errors import SurveilNavError
-from surveilnav.perception.models import CATALOGUE, COCO_DETECTORS, is_here, model_id, survey
-from surveilnav.perception.names import BackendName
 from surveilnav.simulator.furniture.assets import is_here as is_here_already
 from surveilnav.simulator.simulation import Progress, SimulatedBuilding, SimulationSettings
 from surveilnav.simulator.sources import EXAMPLE_HOMES
 
 
-@dataclass(frozen=True)
-class Finding:
-    """One thing looked at. ``level``: ok, note (works without it, less well), missing (must be mended)."""
-
-    what: str
-    level: Literal["ok", "note", "missing"]
-    detail: str
-    remedy: str = ""
-
-    def as_dict(self) -> dict[str, Any]:
-        """As ``--json`` says it."""
-        return asdict(self)
-
-
 def examine(building: str = "", progress: Progress | None = None) -> list[Finding]:
     """Looks at Python, packages, furniture, models, disk, Docker, and a building if one is named."""
-    findings = [_python(), *_packages(), _assets(), _built_in(), _models(), _disk(), _docker()]
+    findings = [_python(), *_packages(), _assets(), *check_weights(), _disk(), _docker()]
     return [*findings, *([_building(building, progress)] if building else [])]
 
 
 def _python() -> Finding:
     ok = (3, 11) <= sys.version_info[:2] <= (3, 13)
     return Finding(
-        "Python", "ok" if ok else "missing", platform.python_version(), "" if ok else "use Python 3.11 to 3.13"
+        "Python", "ok" if ok else "problem", platform.python_version(), "" if ok else "use Python 3.11 to 3.13"
     )
 
 
@@ -59,7 +42,7 @@ def _packages() -> list[Finding]:
             findings.append(Finding(name, "ok", str(version)))
         except Exception as error:
             findings.append(
-                Finding(name, "missing", str(error), remedies.get(name, "pip install 'surveilnav[simulator]'"))
+                Finding(name, "problem", str(error), remedies.get(name, "pip install 'surveilnav[simulator]'"))
             )
     return findings
 
@@ -74,37 +57,6 @@ def _assets() -> Finding:
         "Sweet Home 3D's homes and furniture aren't here yet",
         "surveilnav prepare (needs apt and a network); parametric_flat works without",
     )
-
-
-def _built_in() -> Finding:
-    """Our own network, which ``auto`` takes in simulated buildings, and where the detectors of COCO can't be had."""
-    seen = survey(BackendName.COMPACT)
-    if seen.fault:
-        return Finding("compact", "missing", seen.fault, "install SurveilNav again, or unset SURVEILNAV_COMPACT")
-    if seen.path is None:
-        return Finding("compact", "note", "its weights don't come with this version: auto takes another detector")
-    what = f"{model_id(BackendName.COMPACT, seen.path)}, {seen.path.stat().st_size / 1e6:.1f} MB"
-    return Finding("compact", "ok", f"{what}: what auto takes in simulated buildings")
-
-
-def _models() -> Finding:
-    try:
-        folder = models_dir()
-        found = {name: survey(name) for name, model in CATALOGUE.items() if not model.built_in}
-    except SurveilNavError as error:
-        return Finding("models", "missing", str(error), "unset SURVEILNAV_MODELS_DIR or point it at a folder")
-    if wrong := [seen.fault for name, seen in found.items() if seen.fault and name in COCO_DETECTORS]:
-        return Finding("models", "missing", " ".join(wrong), "surveilnav models check")
-    names = [name + (" (damaged or half)" if seen.fault else "") for name, seen in found.items() if seen.path]
-    detectors = [name for name in names if name in COCO_DETECTORS]
-    if not detectors and offline():
-        instead = BackendName.COMPACT if is_here(BackendName.COMPACT) else BackendName.SIMULATED
-        remedy = f"perception is `{instead}`; or point SURVEILNAV_MODELS_DIR at a folder with a detector"
-        return Finding("models", "note", "no detector is here, and SURVEILNAV_OFFLINE or HF_HUB_OFFLINE is set", remedy)
-    if not detectors:
-        detail = "no detector is here" if folder is None else f"no detector in {folder}"
-        return Finding("models", "note", f"{detail}: the small ones are pulled when needed", "surveilnav models list")
-    return Finding("models", "ok", ", ".join(names))
 
 
 def _disk() -> Finding:
@@ -128,15 +80,7 @@ def _building(name: str, progress: Progress | None) -> Finding:
         building = SimulatedBuilding(SimulationSettings(building=name), progress)
         reach = building.reach
     except SurveilNavError as error:
-        return Finding("building", "missing", str(error), "surveilnav buildings")
+        return Finding("building", "problem", str(error), "surveilnav buildings")
     if reach.sentence:
         return Finding("building", "note", f"{name}: {reach.sentence}")
     return Finding("building", "ok", f"{name}: robots reach all of {reach.reached_m2:.0f} m²")
-
-
-def show(findings: list[Finding], console: Console) -> None:
-    """A line a finding."""
-    marks = {"ok": "[green]ok[/]     ", "note": "[yellow]note[/]   ", "missing": "[red]missing[/]"}
-    for finding in findings:
-        remedy = f"  -> {finding.remedy}" if finding.remedy else ""
-        console.print(f"{marks[finding.level]} {finding.what}: {finding.detail}{remedy}")

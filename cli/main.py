@@ -30,6 +30,7 @@ from surveilnav.cli import (
     watch,
     where,
 )
+from surveilnav.cli.building_setup.command import init
 from surveilnav.cli.exits import Exit
 from surveilnav.cli.replay.command import replay
 
@@ -56,9 +57,12 @@ app = typer.Typer(
     epilog="Completion for your shell: [bold]surveilnav --install-completion[/]",
 )
 
-_SIMULATED, _RUNNING, _BENCHMARK = "A simulated building", "The running system", "Models and benchmark"
+_REAL, _SIMULATED, _RUNNING = "A real building", "A simulated building", "The running system"
+_BENCHMARK = "Models and benchmark"
 _command: Callable[..., Any]
-for _command in (start.demo, start.up, start.prepare, survey.buildings, survey.homes, survey.doctor, replay):
+for _command in (init, survey.doctor):
+    app.command(rich_help_panel=_REAL)(_command)
+for _command in (start.demo, start.up, start.prepare, survey.buildings, survey.homes, replay):
     app.command(rich_help_panel=_SIMULATED)(_command)
 app.command(rich_help_panel=_RUNNING)(missions.find)
 app.add_typer(missions.app, name="missions", rich_help_panel=_RUNNING)

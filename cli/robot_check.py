@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from surveilnav.robot_file import RobotFile
@@ -43,8 +44,14 @@ class _Count:
         return (len(self.times_s) - 1) / (self.times_s[-1] - self.times_s[0]) if len(self.times_s) > 1 else 0.0
 
 
-def check_robot(file: RobotFile, seconds: float) -> list[Finding]:
-    """Connects to the robot's router and listens."""
+def check_robot(
+    file: RobotFile, seconds: float, fault_of: Callable[[float, float], str] = lambda x, y: ""
+) -> list[Finding]:
+    """Connects to the robot's router and listens.
+
+    Args:
+        fault_of: says of a place (x, y) [m] in the building why the robot can't be there; empty: it can.
+    """
     try:
         with RosSession(
             "surveilnav_check", router=file.router, domain=file.domain, namespace=file.namespace
@@ -57,7 +64,7 @@ def check_robot(file: RobotFile, seconds: float) -> list[Finding]:
                     Finding("router", True, f"reached at {file.router}, domain {file.domain}"),
                     *_topics(file, session, counts),
                     _clock(counts),
-                    *_place(file, body),
+                    *_place(file, body, fault_of),
                     *_nav2(file, session),
                 ]
             finally:
@@ -121,7 +128,7 @@ def _clock(counts: dict[str, tuple[str, str, _Count]]) -> Finding:
     )
 
 
-def _place(file: RobotFile, body: Ros2Body) -> list[Finding]:
+def _place(file: RobotFile, body: Ros2Body, fault_of: Callable[[float, float], str]) -> list[Finding]:
     camera = body.camera_problem()
     found = [Finding("pictures", not camera, camera or "colour and depth belong together, and can be read")]
     if problem := body.place.problem():
@@ -134,9 +141,11 @@ def _place(file: RobotFile, body: Ros2Body) -> list[Finding]:
         f"the robot is at ({at.x_m:.2f}, {at.y_m:.2f}) m, {math.degrees(at.yaw_rad):.0f} degrees, on floor {file.floor}"
     )
     height_m = body.description.camera_height_m
+    fault = fault_of(at.x_m, at.y_m)
+    asked = "is that so? If not, measure T_building_map (surveilnav robots frame)"
     return [
         *found,
-        Finding("place", True, f"{where}: is that so? If not, measure T_building_map (surveilnav robots frame)"),
+        Finding("place", not fault, f"{where}: {fault or asked}"),
         Finding("camera", True, f"{height_m:.2f} m above its base"),
     ]
 

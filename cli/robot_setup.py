@@ -43,8 +43,8 @@ def frame(
         list[str] | None,
         typer.Option(
             metavar="X,Y=X,Y",
-            help="A place in the building and the same place in the robot's map [m], such as 3.2,1.0=0.4,-2.1. At least two; "
-            "with four or more, one that is wrong is found.",
+            help="A place in the building and the same place in the robot's map, in metres, such as 3.2,1.0=0.4,-2.1. At least "
+            "two; with four or more, one that is wrong is found.",
         ),
     ] = None,
     sightings: Annotated[

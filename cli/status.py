@@ -122,6 +122,7 @@ def show_robots(rows: list[Any], console: Console) -> None:
         Column("floor", lambda r: r.floor, "id"),
         Column("at x, y [m]", lambda r: f"{r.position_m[0]:.1f}, {r.position_m[1]:.1f}", "number"),
         Column("state", lambda r: ("silent", "red") if r.stale else r.state),
+        Column("battery", lambda r: "-" if r.battery is None else f"{r.battery:.0%}", "number"),
         Column("mission", lambda r: r.mission or "-", "id"),
         Column("message", lambda r: r.message, "note"),
     )

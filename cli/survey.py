@@ -9,10 +9,12 @@ import typer
 
 from surveilnav.cli.extras import needs
 from surveilnav.cli.listing import Column, listing
-from surveilnav.cli.options import AsJson, console, items, print_result, results
+from surveilnav.cli.options import DEFAULT_URL, AsJson, Url, console, items, print_result, results
 
 if TYPE_CHECKING:
     from rich.console import Console
+
+    from surveilnav.cli.finding import Finding
 
 
 @needs("simulator")
@@ -74,18 +76,50 @@ def homes(
     raise typer.Exit(0 if any(line.survey for line in lines) else 1)
 
 
-@needs("simulator")
 def doctor(
     building: Annotated[
-        str, typer.Option(metavar="NAME", help="Say also how much of this building robots can reach.")
+        str,
+        typer.Option(
+            metavar="NAME",
+            help="A real building's building.yaml: check each part of it against the running hardware, and nothing else. "
+            "Or a building to be simulated: say also how much of it robots can reach.",
+        ),
     ] = "",
+    seconds: Annotated[
+        float, typer.Option(min=1, max=120, help="building.yaml: how long each robot is listened to.")
+    ] = 5.0,
+    url: Url = DEFAULT_URL,
     as_json: AsJson = False,
 ) -> None:
-    """Say what is missing on this machine, and how to get it. Exit 1 if something must be repaired."""
-    from surveilnav.cli.doctor import examine, show
+    """Say what is missing on this machine or wrong in a real building, and what to do. Exit 1 if something must be mended."""
+    if building.lower().endswith((".yaml", ".yml")):
+        _diagnose_building(Path(building), seconds, url, as_json)
+    else:
+        _diagnose_machine(building, as_json)
+
+
+@needs("services")
+def _diagnose_building(path: Path, seconds: float, url: str, as_json: bool) -> None:
+    from surveilnav.cli.building_check.check import examine_building
+    from surveilnav.cli.progress import counting
+
+    with counting(console, "checks") as progress:
+        findings = examine_building(path, seconds, url, progress)
+    _tell(findings, as_json)
+
+
+@needs("simulator")
+def _diagnose_machine(building: str, as_json: bool) -> None:
+    from surveilnav.cli.doctor import examine
     from surveilnav.cli.progress import bar
 
     with bar(console) as progress:
         findings = examine(building, progress)
+    _tell(findings, as_json)
+
+
+def _tell(findings: list[Finding], as_json: bool) -> None:
+    from surveilnav.cli.finding import show
+
     print_result({"findings": [f.as_dict() for f in findings]}, as_json, lambda: show(findings, results))
-    raise typer.Exit(1 if any(f.level == "missing" for f in findings) else 0)
+    raise typer.Exit(1 if any(f.level == "problem" for f in findings) else 0)

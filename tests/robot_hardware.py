@@ -30,9 +30,16 @@ class Hardware:
 
 
 @contextmanager
-def robot_hardware(folder: Path, building: str, start: str, **settings: object) -> Iterator[Hardware]:
-    """Runs a robot in a building. ``settings``: of ``RobotHardwareSettings``; ``start``: x,y,floor,yaw_deg."""
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
+def robot_hardware(
+    folder: Path, building: str, start: str, host: str = "127.0.0.1", **settings: object
+) -> Iterator[Hardware]:
+    """Runs a robot in a building, with its router at ``host``.
+
+    Args:
+        start: x,y,floor,yaw_deg.
+        settings: of ``RobotHardwareSettings``.
+    """
+    endpoint = f"tcp/{host}:{free_port()}"
     facts = {
         "router": endpoint,
         "start": start,

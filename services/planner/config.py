@@ -5,6 +5,8 @@ Those of the core (``core/config.py``) are nested: ``SURVEILNAV_PLANNER__CORE__S
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
@@ -19,6 +21,11 @@ class PlannerSettings(BaseSettings):
     core: PlannerConfig = Field(default=PlannerConfig(), description="how it plans")
     store: str = Field(
         default="", description="the SQLite file that missions are stored in; empty: they don't survive a restart"
+    )
+    building_file: Path | None = Field(
+        default=None,
+        description="the file of the building, `building.yaml`: its keepout zones, doors and lifts; changes are "
+        "noticed",
     )
     first_look_s: float = Field(
         default=0.0,
@@ -49,6 +56,12 @@ class PlannerSettings(BaseSettings):
         default=1.0,
         gt=0,
         description="while a robot drives to a waypoint by itself, the next decision is made after this time at the latest",
+    )
+    min_battery: float = Field(
+        default=0.15,
+        ge=0,
+        le=1,
+        description="a robot whose battery is less full than this gets no new mission; the one that it is on goes on",
     )
     max_steps: int = Field(default=5000, ge=1, description="the most steps that a mission may ask for")
     max_queued: int = Field(default=100, ge=0, description="how many missions may wait for a robot")

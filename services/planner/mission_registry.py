@@ -8,6 +8,7 @@ from surveilnav.bus import Node, bound_request_id
 from surveilnav.contract import MAP_REVISION, ROBOT_STATUS
 from surveilnav.errors import MissionError
 from surveilnav.messages import MissionGoal
+from surveilnav.services.planner.areas import BuildingAreas
 from surveilnav.services.planner.config import PlannerSettings
 from surveilnav.services.planner.mission_runner import MissionRunner
 from surveilnav.services.planner.mission_start import MissionContext, lost_mission, new_mission
@@ -26,7 +27,10 @@ class MissionRegistry:
         self._lost: set[str] = set()  # that ``end_lost`` has ended
         self._robots = node.table(ROBOT_STATUS)
         self._store = Store(settings.store, node)
-        self._context = MissionContext(node, settings, node.table(MAP_REVISION), Summaries(node), self._store)
+        self._areas = BuildingAreas(node, settings.building_file)
+        self._context = MissionContext(
+            node, settings, node.table(MAP_REVISION), Summaries(node), self._store, self._areas
+        )
         self._resumed = self._resume()
 
     def all(self) -> list[MissionRunner]:
@@ -47,6 +51,10 @@ class MissionRegistry:
             mission.retry_saving()
         self._store.retry()
         self._node.report_problem("store", self._store.problem)
+
+    def refresh_areas(self) -> None:
+        """Reads the building file again if it has changed."""
+        self._areas.refresh()
 
     def accept(self, goal: MissionGoal) -> MissionRunner:
         """Starts a mission, or returns the one that the same goal started before.
@@ -119,6 +127,13 @@ class MissionRegistry:
         """Whether a robot's latest status says that it is halted."""
         return any(row.message.robot == robot and row.message.state == "halted" for row in self._robots.rows())
 
+    def _battery_is_low(self, robot: str) -> str:
+        """Why a robot's battery doesn't suffice for another mission, by its latest status; empty if it does, or isn't known."""
+        shares = (row.message.battery for row in self._robots.rows() if row.message.robot == robot)
+        share, least = next(shares, None), self._settings.min_battery
+        is_low = share is not None and 0.0 <= share < least
+        return "" if share is None or not is_low else f"its battery is at {share:.0%}, and {least:.0%} are needed"
+
     def _resume(self) -> bool:
         """Resumes the unfinished missions of the store and loads the finished ones; False if the store can't be read.
 
@@ -157,12 +172,15 @@ class MissionRegistry:
                 )
             if self.is_halted(wanted):
                 raise MissionError("robot_halted", f"robot {wanted!r} is halted: release it first")
+            if why := self._battery_is_low(wanted):
+                raise MissionError("robot_battery", f"robot {wanted!r} has to charge first: {why}")
             return wanted
-        free = [robot for robot in here if robot not in busy and not self.is_halted(robot)]
+        unfit = {robot: "halted" if self.is_halted(robot) else self._battery_is_low(robot) for robot in here}
+        free = [robot for robot in here if robot not in busy and not unfit[robot]]
         if not here:
             raise MissionError("no_free_robot", "no robot is on the bus: start a robot node and send the goal again")
         if not free:
-            held = ", ".join(f"{robot} on {busy[robot]}" if robot in busy else f"{robot} halted" for robot in here)
+            held = ", ".join(f"{robot} {'on ' + busy[robot] if robot in busy else unfit[robot]}" for robot in here)
             raise MissionError(
                 "no_free_robot",
                 f"no robot is free ({held}): cancel a mission, release a robot, wait, or queue the goal",

@@ -8,6 +8,7 @@ from dataclasses import fields, replace
 
 from surveilnav.bus import Refused, bound_request_id, clock_ns
 from surveilnav.messages import FINISHED_STATES, MissionGoal, MissionStatus, Plan, RobotDescription, RobotStatus
+from surveilnav.services.planner.areas import MissionAreas
 from surveilnav.services.planner.core import FloorMaps, RobotView, step
 from surveilnav.services.planner.floor_maps import FloorMapsClient
 from surveilnav.services.planner.mission_bus import MissionBus, MissionCancelledError, MissionFailedError
@@ -33,7 +34,7 @@ class MissionRunner:
 
     def __init__(self, context: MissionContext, saved: SavedMission) -> None:
         self._node, self._settings, self._store = context.node, context.settings, context.store
-        self._summaries = context.summaries
+        self._summaries, self._areas = context.summaries, MissionAreas(context.areas)
         self.report, self.robot = MissionReport(context.node, saved.status, saved.plan), saved.status.robot
         self._state = load_state(saved, self._node)
         self._pending, self._cancel, self._pause = saved.pending, saved.cancel, Pause(saved.paused)
@@ -104,7 +105,7 @@ class MissionRunner:
                 pending=self._pending,
                 robot_path_m=self._robot_path_m,
                 cancel=self._cancel,
-                paused=self._pause.reason,
+                paused=self._pause.stored_reason,
                 wanted_robot=self.wanted_robot,
                 memory=memory,
             )
@@ -167,7 +168,8 @@ class MissionRunner:
         self._save_or_warn()
 
     def resume(self) -> None:
-        """Resumes a paused mission."""
+        """Resumes a paused mission; of a closed passage that it waits for, that says that it can be passed."""
+        self._areas.vouch()
         self._pause.end()
         self._save_or_warn()
 
@@ -229,7 +231,7 @@ class MissionRunner:
                     raise PausedError
                 self._pending = self._decide(status, maps)
             self._bus.check_cancelled()
-            if self._carry_out(self._pending):
+            if self._pending is not None and self._carry_out(self._pending):
                 return
             self._pending = None
 
@@ -263,9 +265,10 @@ class MissionRunner:
             self._pause.wait(_PAUSE_CHECK_S)
         self.report.publish_status(state="active", phase="waiting", message="going on")
 
-    def _decide(self, status: RobotStatus, maps: FloorMaps) -> PendingAction:
-        """Decides on the next action, and writes it to the store before it is sent to the robot."""
+    def _decide(self, status: RobotStatus, maps: FloorMaps) -> PendingAction | None:
+        """Decides on the next action, and writes it to the store before it is sent to the robot. None: the mission waits."""
         robot = self._robot_view(status)
+        maps = replace(maps, areas=self._areas.on_floor(status.floor))
         self._state, decision = step(self._state, maps, robot, self._config, summaries=self._summaries.by_floor())
         facts = {
             "step": self._state.step,
@@ -283,7 +286,9 @@ class MissionRunner:
             }
         self.report.update(**facts)
         self.report.plan = plan_from_decision(decision, self.status, status, maps, step=self._state.step)
-        self._pending = PendingAction.from_decision(decision, status.seq)
+        if decision.waits_for:
+            self._areas.wait(self._pause, decision.message, status.floor, decision.waits_for)
+        self._pending = None if decision.waits_for else PendingAction.from_decision(decision, status.seq)
         self._save_or_warn()
         self.report.publish_plan()
         if not decision.finished:

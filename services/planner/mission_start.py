@@ -8,6 +8,7 @@ import msgspec
 
 from surveilnav.bus import Node, Table, clock_ns, request_id
 from surveilnav.messages import MissionGoal, MissionStatus, Revision, RobotStatus
+from surveilnav.services.planner.areas import BuildingAreas
 from surveilnav.services.planner.config import PlannerSettings
 from surveilnav.services.planner.core import MissionState
 from surveilnav.services.planner.store import SavedMission, Store
@@ -17,13 +18,14 @@ from surveilnav.words import canonical
 
 @dataclass(frozen=True, slots=True)
 class MissionContext:
-    """What all missions share: the bus, the settings, the latest messages of fusion and the cameras, and the store."""
+    """What all missions share: bus, settings, the latest messages of fusion and the cameras, store, and the building's areas."""
 
     node: Node
     settings: PlannerSettings
     revisions: Table[Revision]
     summaries: Summaries
     store: Store
+    areas: BuildingAreas
 
 
 def load_state(saved: SavedMission, node: Node) -> MissionState:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 
 from surveilnav.bus import Refused
 
@@ -14,22 +15,30 @@ class PausedError(Exception):
 class Pause:
     """Whether a mission is paused, and why. Any thread may begin and end the pause.
 
-    ``reason`` is why the mission is paused, and None while it isn't paused.
+    Attributes:
+        reason: why the mission is paused; None while it isn't paused.
+        stored_reason: the same, but None if the pause ends by itself: after a restart the mission decides anew whether to wait.
     """
 
     def __init__(self, reason: str | None) -> None:
         self.reason = reason
+        self._is_over: Callable[[], bool] | None = None
         self._ended = threading.Event()
 
-    def begin(self, reason: str) -> None:
-        """Pauses the mission as soon as its current action is done."""
+    def begin(self, reason: str, is_over: Callable[[], bool] | None = None) -> None:
+        """Pauses the mission as soon as its current action is done. ``is_over`` says when the pause ends by itself."""
         self._ended.clear()
+        self._is_over = is_over
         self.reason = reason or "paused"
 
     def end(self) -> None:
         """Resumes the mission."""
-        self.reason = None
+        self.reason, self._is_over = None, None
         self._ended.set()
+
+    @property
+    def stored_reason(self) -> str | None:
+        return self.reason if self._is_over is None else None
 
     def check(self) -> None:
         if self.reason is not None:
@@ -37,6 +46,9 @@ class Pause:
 
     def wait(self, at_most_s: float) -> None:
         """Waits until the pause ends, for at most ``at_most_s``."""
+        is_over = self._is_over
+        if is_over is not None and is_over():
+            self.end()
         self._ended.wait(at_most_s)
 
 

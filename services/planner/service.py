@@ -42,6 +42,7 @@ class PlannerService:
         now_s = time.monotonic()
         if now_s - self._assigned_s >= _ASSIGN_S:
             self._assigned_s = now_s
+            self._missions.refresh_areas()
             self._missions.assign_robots()
         if now_s - self._saved_s >= _RETRY_SAVING_S:
             self._saved_s = now_s

@@ -74,6 +74,7 @@ def status_message(
     stamp_ns: int = 0,
     description: RobotDescription = _HABITAT_ROBOT,
     waypoint: WaypointStatus | None = None,
+    battery: float | None = None,
 ) -> RobotStatus:
     """The status message of a robot in ``state``; the other arguments are fields of ``RobotStatus``."""
     return RobotStatus(
@@ -93,4 +94,5 @@ def status_message(
         path_m=state.path_m,
         description=description,
         waypoint=waypoint,
+        battery=battery,
     )

@@ -91,6 +91,7 @@ class RobotService:
             stamp_ns=clock_ns(),
             description=self._body.description,
             waypoint=self._body.waypoint,
+            battery=self._body.battery,
         )
 
 

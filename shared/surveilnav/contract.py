@@ -238,6 +238,17 @@ ROBOT_HALT = Stream(
     request=m.Halt,
     allows_wildcard=True,
 )
+PASSAGE_STATE = Stream(
+    "passage_state",
+    "{building}/passage/{floor}/{passage}",
+    m.PassageState,
+    "a bridge to doors and lifts",
+    "put",
+    None,
+    10_000,
+    "control",
+    "whether robots can pass a door or a lift: on change, and every few seconds",
+)
 PERCEPTION_INFER = Stream(
     "perception_infer",
     "{building}/perception/{worker}/infer",

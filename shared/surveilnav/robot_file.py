@@ -167,7 +167,7 @@ def write_frame(path: Path, T_building_map: PlanarTransform) -> None:
     if changed is None or changed.model_dump() != values:
         raise ConfigError(f"{path}: T_building_map can't be replaced there; write it yourself: {entry.strip()}")
     try:
-        with atomic_write(path) as out:
+        with atomic_write(path, keep_mode=True) as out:
             out.write(text.encode())
     except OSError as error:
         raise ConfigError(f"{path} can't be written: {error.strerror}. It is as it was") from error

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import os
+import stat
 import struct
 import tempfile
 import time
@@ -29,12 +30,18 @@ _ABANDONED_S = 3600.0
 
 
 @contextlib.contextmanager
-def atomic_write(path: Path) -> Iterator[IO[bytes]]:
-    """A temporary file that replaces ``path`` when the block ends, and is deleted if the block raises."""
+def atomic_write(path: Path, *, keep_mode: bool = False) -> Iterator[IO[bytes]]:
+    """A temporary file that replaces ``path`` when the block ends, and is deleted if the block raises.
+
+    Args:
+        keep_mode: whoever may read the present file may read the new one; otherwise, only its owner may.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=".", suffix=TEMPORARY)
     try:
         with os.fdopen(handle, "wb") as file:
+            if keep_mode:
+                os.chmod(temporary, stat.S_IMODE(path.stat().st_mode))
             yield file
         os.replace(temporary, path)
     except BaseException:
@@ -144,10 +151,10 @@ class FolderCache:
         entries = []
         for path in self._folder.glob("*/*"):
             with contextlib.suppress(FileNotFoundError):
-                stat = path.stat()
+                status = path.stat()
                 if path.suffix == self._suffix:
-                    entries.append((stat.st_mtime_ns, str(path), stat.st_size))
-                elif path.suffix == TEMPORARY and time.time() - stat.st_mtime > _ABANDONED_S:
+                    entries.append((status.st_mtime_ns, str(path), status.st_size))
+                elif path.suffix == TEMPORARY and time.time() - status.st_mtime > _ABANDONED_S:
                     path.unlink(missing_ok=True)
         total = sum(size for _, _, size in entries)
         if total <= self._max_bytes:

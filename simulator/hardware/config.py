@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Literal
 
 from pydantic import Field
@@ -70,6 +71,7 @@ class RobotHardwareSettings(BaseSettings):
     compressed: bool = Field(False, description="send CompressedImage (JPEG, and compressedDepth) and no raw pictures")
     depth_encoding: Literal["16UC1", "32FC1"] = Field("16UC1", description="depth in millimetres or in metres")
 
+    health_file: Path | None = Field(None, description="a file that it touches each second; empty: none")
     faults: list[FaultName] = Field([], description='what goes wrong, such as ["no_depth"]; empty: nothing')
     fault_after_s: float = Field(5.0, ge=0, description="faults during a goal happen this long after it was accepted")
     jump_m: float = Field(0.5, description="SIGUSR1 has its localisation jump by this much, in x of its map")

@@ -18,6 +18,7 @@ FaultName = Literal[
     "no_depth",
     "depth_mm_as_metres",  # depth is in millimetres, and is called 32FC1, which means metres
     "no_tf",
+    "tf_static_volatile",  # who listens later doesn't hear of the camera's frames
 ]
 
 
@@ -42,6 +43,10 @@ class Faults:
     @property
     def no_tf(self) -> bool:
         return "no_tf" in self._names
+
+    @property
+    def tf_static_volatile(self) -> bool:
+        return "tf_static_volatile" in self._names
 
     def withholds_feedback(self, goal: NavigationGoal) -> bool:
         return "feedback_stops" in self._names and goal.elapsed_s >= self._after_s

@@ -12,6 +12,7 @@ import sys
 import threading
 import time
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -34,7 +35,7 @@ from surveilnav.simulator.world.simulated_nav2 import NavigationGoal, SimulatedN
 
 STEP_S = 0.05
 #: Every how many steps each of these is published.
-_MAP_ODOM_STEPS, _FEEDBACK_STEPS, _SCAN_STEPS, _BATTERY_STEPS = 2, 4, 4, 20
+_MAP_ODOM_STEPS, _FEEDBACK_STEPS, _SCAN_STEPS, _BATTERY_STEPS, _HEALTH_STEPS = 2, 4, 4, 20, 20
 _KEPT = Qos(transient_local=True, depth=1)
 #: A robot that was stopped for longer (a suspended process) doesn't make up for it.
 _MAX_BEHIND_S = 1.0
@@ -109,7 +110,9 @@ class Ros2Robot:
         """Declares what the robot publishes, subscribes to and serves."""
         self._odom = session.publisher("odom", "nav_msgs/msg/Odometry")
         self._tf = session.publisher("tf", "tf2_msgs/msg/TFMessage", Qos(depth=100))
-        self._tf_static = session.publisher("tf_static", "tf2_msgs/msg/TFMessage", _KEPT)
+        self._tf_static = session.publisher(
+            "tf_static", "tf2_msgs/msg/TFMessage", Qos() if self._faults.tf_static_volatile else _KEPT
+        )
         self._scan = session.publisher("scan", "sensor_msgs/msg/LaserScan", Qos(reliable=False, depth=5))
         self._battery = session.publisher("battery_state", "sensor_msgs/msg/BatteryState")
         self._truth = session.publisher("ground_truth", "nav_msgs/msg/Odometry")
@@ -196,8 +199,8 @@ class Ros2Robot:
                 self._server.tell_progress(id, here, goal.distance_remaining_m, goal.recoveries, goal.elapsed_s)
 
 
-def run(robot: Ros2Robot, ended: threading.Event) -> None:
-    """Moves a robot in real time until ``ended`` is set."""
+def run(robot: Ros2Robot, ended: threading.Event, health_file: Path | None = None) -> None:
+    """Moves a robot in real time until ``ended`` is set. ``health_file`` is touched each second."""
     robot.start_clock()
     begun_s, steps = time.monotonic(), 0
     with robot.camera:
@@ -213,6 +216,8 @@ def run(robot: Ros2Robot, ended: threading.Event) -> None:
                 return
             robot.step()
             steps += 1
+            if health_file is not None and steps % _HEALTH_STEPS == 0:
+                health_file.touch()
 
 
 def main() -> None:
@@ -227,7 +232,7 @@ def main() -> None:
         signal.signal(signal.SIGUSR1, lambda *_: robot.jump())
         signal.signal(signal.SIGUSR2, lambda *_: robot.restart_odometry())
         print("the robot is ready", flush=True)
-        run(robot, threading.Event())
+        run(robot, threading.Event(), settings.health_file)
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ def finding(name):
 def test_it_says_what_robots_reach_of_a_building():
     found = finding("parametric_house")
     assert (found.level, found.detail[:35]) == ("ok", "parametric_house: robots reach all ")
-    assert finding("no_such_home").level == "missing"
+    assert finding("no_such_home").level == "problem"
     assert all(f.what != "building" for f in examine())
 
 

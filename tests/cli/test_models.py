@@ -97,7 +97,7 @@ def test_the_doctor_knows_the_models(folder, monkeypatch):
     monkeypatch.delenv("SURVEILNAV_OFFLINE")
     assert str(folder) in says().detail
     (folder / "yolox_nano.onnx").write_bytes(b"damaged")
-    assert (says().level, says().remedy) == ("missing", "surveilnav models check")
+    assert (says().level, says().remedy) == ("problem", "surveilnav models check")
 
 
 def test_whole_models_are_listed_checked_and_kept(typed, folder, models_dir, monkeypatch):
@@ -125,7 +125,7 @@ def test_the_model_in_the_package_is_checked_against_its_card(typed, folder, bui
     card.write_bytes(msgspec.json.encode(models.Card(sha256="0" * 64, bytes=1)))
     status, out, _ = typed("check", "--json")
     assert (status, "isn't what compact should be" in json.loads(out)["compact"]["fault"]) == (1, True)
-    assert doctor().level == "missing"
+    assert doctor().level == "problem"
     card.write_text("no card")
     status, _, err = typed("check")
     assert (status, "should be the card of compact.onnx" in err) == (1, True)

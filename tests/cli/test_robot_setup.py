@@ -42,6 +42,13 @@ def test_a_frame_is_found_and_written(file):
     assert json.loads(done.stdout)["T_building_map"] == frame.model_dump()
 
 
+def test_who_may_read_the_file_may_read_it_afterwards(file):
+    """A container runs as another user."""
+    file.chmod(0o644)
+    assert run("frame", file, *pairs([(b, in_map(*b)) for b in PLACES]), "--write").exit_code == 0
+    assert file.stat().st_mode & 0o777 == 0o644
+
+
 def test_without_write_the_file_stays_and_a_wrong_pair_is_named(file):
     before = file.read_text()
     wrong = [(b, in_map(*b)) for b in PLACES]

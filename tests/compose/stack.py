@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ipaddress
 import json
 import os
 import shutil
@@ -54,6 +55,15 @@ def missing() -> str:
             said = (done.stderr or done.stdout).strip().splitlines() or ["no answer"]
             return f"`{' '.join(command)}` fails: {said[-1]}"
     return ""
+
+
+def host_as_containers_see_it() -> str:
+    """This machine's address on Docker's default network, which containers of other networks reach, too."""
+    command = ["docker", "network", "inspect", "bridge", "--format", "{{json .IPAM.Config}}"]
+    told = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60).stdout
+    network = json.loads(told)[0]
+    # older engines name only the subnet, whose first address it is
+    return str(network.get("Gateway") or next(ipaddress.ip_network(network["Subnet"]).hosts()))
 
 
 class Stack:

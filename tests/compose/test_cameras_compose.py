@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import subprocess
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,7 +12,7 @@ import numpy as np
 import pytest
 
 from tests import streams
-from tests.compose.stack import UP_S, Stack, create_security, missing
+from tests.compose.stack import UP_S, Stack, create_security, host_as_containers_see_it, missing
 
 pytestmark = [pytest.mark.compose, pytest.mark.slow, pytest.mark.timeout(UP_S + 300)]
 _FILE = """
@@ -63,12 +62,6 @@ def stack(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
         stack.gateway.headers.update(headers)
         with stack.running("--scale", "camera=2"):
             yield stack
-
-
-def host_as_containers_see_it() -> str:
-    """This machine's address on Docker's default network, which containers of other networks reach, too."""
-    command = ["docker", "network", "inspect", "bridge", "--format", "{{(index .IPAM.Config 0).Gateway}}"]
-    return subprocess.run(command, capture_output=True, text=True, check=True, timeout=60).stdout.strip()
 
 
 def picture() -> np.ndarray:

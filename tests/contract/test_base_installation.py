@@ -55,6 +55,7 @@ ON_FILES = {
 }
 #: Every other command: its extra, and how it is typed.
 NEEDING = {
+    "init": ("services", ["init", "x"]),
     "demo": ("simulator", ["demo"]),
     "up": ("simulator", ["up"]),
     "prepare": ("simulator", ["prepare"]),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import subprocess
 import sys
@@ -34,6 +35,7 @@ class Real:
 
     system: System
     robot: Hardware
+    cameras_file: Path
 
 
 @pytest.fixture(scope="module")
@@ -64,6 +66,7 @@ def real(tmp_path_factory: pytest.TempPathFactory, home_cache: Path) -> Iterator
                     recorder=True,
                 ),
                 robot,
+                file,
             )
 
 
@@ -116,6 +119,24 @@ def test_a_check_of_the_robot_finds_all_that_is_needed(real: Real) -> None:
         "Nav2",
     ]
     assert "0.88 m above its base" in done.stdout
+
+
+@pytest.mark.slow
+def test_the_doctor_finds_nothing_to_mend_in_the_building(real: Real, tmp_path: Path) -> None:
+    file = tmp_path / "building.yaml"
+    cameras, robot = real.cameras_file, real.robot.file
+    file.write_text(f"building: flat\ncameras: {cameras}\nrobots: {{r1: {robot}}}\n")
+    url = f"http://127.0.0.1:{real.system.gateway_port}"
+    done = subprocess.run(
+        [Path(sys.executable).parent / "surveilnav", "doctor", "--building", file, "--url", url, "--json"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    findings = {f["what"]: f for f in json.loads(done.stdout)["findings"]}
+    assert done.returncode == 0, findings
+    assert {"camera c0-1v8, stream", "camera c0-1v8, place", "robot r1, place", "robot r1, Nav2"} <= set(findings)
+    assert "processes answer" in findings["running system"]["detail"]
 
 
 @pytest.mark.slow

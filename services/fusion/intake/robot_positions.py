@@ -1,10 +1,11 @@
-"""The positions that robots report. They are known before the maps hold anything of a floor."""
+"""What robots report of themselves that the maps need: positions, before the maps hold anything of a floor, and heights."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
-from surveilnav.messages import FrameHeader
+from surveilnav.messages import FrameHeader, RobotStatus
 
 _MAX_FLOORS = 64  # since a robot may send any number of floor names
 
@@ -36,3 +37,18 @@ class RobotPositions:
 
     def items(self) -> list[tuple[str, RobotPosition]]:
         return list(self._by_floor.items())
+
+
+def too_tall(robots: Iterable[RobotStatus], obstacle_max_m: float) -> str:
+    """Which robot is taller than the highest obstacles that the maps look for, as a sentence for people; empty: none is.
+
+    All robots share one map of obstacles, so the tallest decides how high it looks.
+    """
+    tall = [robot for robot in robots if robot.description.height_m > obstacle_max_m]
+    if not tall:
+        return ""
+    tallest = max(tall, key=lambda robot: robot.description.height_m)
+    return (
+        f"robot {tallest.robot} is {tallest.description.height_m:.2f} m high, and obstacles above {obstacle_max_m:g} m aren't "
+        "mapped: set SURVEILNAV_FUSION__MAP__OBSTACLE_MAX_M to the height of the tallest robot and 0.1 m"
+    )

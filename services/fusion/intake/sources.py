@@ -21,6 +21,7 @@ from surveilnav.services.fusion.config import FusionSettings
 from surveilnav.services.fusion.core.views.invocation import Invocation, invoke
 from surveilnav.services.fusion.intake.camera_searches import CameraSearches
 from surveilnav.services.fusion.intake.clocks import SourceClocks
+from surveilnav.services.fusion.intake.robot_positions import too_tall
 from surveilnav.services.fusion.intake.words import SearchedWords
 from surveilnav.services.fusion.map_log.removal import Removal
 from surveilnav.services.fusion.shard import Shard
@@ -110,6 +111,8 @@ class Sources:
         rows = self._statuses.rows(max_age_s=self._settings.robot_timeout_s)
         elsewhere = {row.ids["robot"] for row in rows if not self._shard.includes(row.message.floor)}
         here = {row.ids["robot"] for row in rows} - elsewhere
+        statuses = [row.message for row in rows if row.ids["robot"] in here]
+        self._node.report_problem("robot_height", too_tall(statuses, self._config.obstacle_max_m))
         # silent and off the bus, or on the floor of another shard: it needs no place here
         for robot in sorted((set(self._robots) - here - self._node.alive("robot")) | (set(self._robots) & elsewhere)):
             self._robots.pop(robot).close()

@@ -183,6 +183,9 @@ def seconds_buckets(counts: Sequence[int]) -> list[tuple[str, float]]:
 def _robot_and_mission_metrics(state: BuildingMetrics) -> Iterator[Metric]:
     robots = state.robots[:MAX_THINGS]
     yield _gauge("robot_up", "1: the robot was heard of", robots, lambda r: {"robot": r.id}, lambda r: not r.stale)
+    powered = [r for r in robots if r.battery is not None]
+    what = "How full the robot's battery is, 0 to 1, if it says so"
+    yield _gauge("robot_battery", what, powered, lambda r: {"robot": r.id}, lambda r: r.battery or 0.0)
     states = Counter(m.state for m in state.missions)
     what = "Missions by state, of those that are known"
     known = get_args(MissionStateName)

@@ -233,6 +233,7 @@ def robot_from_status(
         mission=mission,
         frame_problem=frame.message[:_MAX_WHY_CHARS] if frame else "",
         frame_correction=msgspec.structs.asdict(frame) if frame else None,
+        battery=status.battery if status.battery is not None and 0.0 <= status.battery <= 1.0 else None,
         last_seen=utc(seen_ns),
         stale=stale,
     )

@@ -17,8 +17,14 @@ from surveilnav.services.planner.core.goals import objects
 from surveilnav.services.planner.core.goals.frontiers import Frontier, find_frontiers
 from surveilnav.services.planner.core.inputs import FloorMaps, RobotView
 from surveilnav.services.planner.core.memory.mission_state import MissionState
+from surveilnav.services.planner.core.motion.areas import Area
 from surveilnav.services.planner.core.motion.drive import LocalPlanner, Route
-from surveilnav.services.planner.core.motion.terrain import Terrain, build_terrain, coarse_travel_time_m
+from surveilnav.services.planner.core.motion.terrain import (
+    Terrain,
+    build_terrain,
+    coarse_travel_time_m,
+    lines_are_clear,
+)
 
 _MAX_CANDIDATES = 12
 
@@ -96,6 +102,42 @@ class StepContext:
         constrained = (self.terrain.speed <= self.config.constrained_speed) & ~here
         terrain = replace(self.terrain, speed=np.where(constrained, 0.0, self.terrain.speed))
         return coarse_travel_time_m(terrain, self.robot.x_m, self.robot.y_m)
+
+    @cached_property
+    def closed_passages(self) -> tuple[Area, ...]:
+        """The passages of this floor that are known to be closed."""
+        return tuple(area for area in self.maps.areas if area.kind == "closed")
+
+    @cached_property
+    def with_all_open(self) -> StepContext:
+        """This step as it would be if every closed passage were open."""
+        return self.with_open(self.closed_passages)
+
+    def with_open(self, passages: Sequence[Area]) -> StepContext:
+        """This step as it would be if these passages were open."""
+        areas = tuple(replace(area, kind="open") if area in passages else area for area in self.maps.areas)
+        return StepContext.from_inputs(
+            self.state,
+            replace(self.maps, areas=areas),
+            self.robot,
+            self.config,
+            self.planner,
+            self.summaries,
+            self.rule,
+        )
+
+    def area_at(self, x_m: float, y_m: float) -> str:
+        """The name of the keepout zone or closed passage at a place; empty if there is none."""
+        barring = (area for area in self.maps.areas if area.kind != "open")
+        return next((area.name for area in barring if area.contains(x_m, y_m)), "")
+
+    def leads_through_barred(self, x_m: float, y_m: float) -> bool:
+        """Whether the straight line from the robot to a place touches a keepout zone or a closed passage."""
+        barred = self.terrain.barred
+        if barred is None:
+            return False
+        ends = self.terrain.cell(x_m, y_m), self.terrain.cell(self.robot.x_m, self.robot.y_m)
+        return not bool(lines_are_clear(barred.near, np.array(ends[:1]), np.array(ends[1:]), 0.0)[0])
 
     def decide(
         self,

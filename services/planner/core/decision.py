@@ -7,7 +7,9 @@ from typing import Literal
 
 from surveilnav.messages import Candidate, WaypointPose
 
-Phase = Literal["scanning", "exploring", "approaching", "confirming", "changing floor", "second look", "finished"]
+Phase = Literal[
+    "scanning", "exploring", "approaching", "confirming", "changing floor", "second look", "waiting", "finished"
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -15,7 +17,7 @@ class Decision:
     """The next action and why.
 
     Attributes:
-        action: one of ``surveilnav.messages.ACTIONS``; None when the mission failed.
+        action: one of ``surveilnav.messages.ACTIONS``; None when the mission failed, or waits.
         phase: what the robot is doing.
         message: the reason, for people.
         to_floor: where ``take_stairs`` leads.
@@ -26,6 +28,7 @@ class Decision:
         error: the failure's name, empty if the mission didn't fail.
         object_id: the object that the waypoint is at, if any.
         waypoint_pose: where the robot is to drive, with the action ``drive_to``.
+        waits_for: the ids of closed passages of this floor, one of which has to open before the mission can go on.
     """
 
     action: str | None
@@ -41,3 +44,4 @@ class Decision:
     error: str = ""
     object_id: int | None = None
     waypoint_pose: WaypointPose | None = None
+    waits_for: tuple[str, ...] = ()

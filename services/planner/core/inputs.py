@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from surveilnav.geometry import Grid
 from surveilnav.messages import ObjectRecord, RobotStatus, Stair, WaypointStatus
+from surveilnav.services.planner.core.motion.areas import Area
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,6 +27,7 @@ class FloorMaps:
         revision: the number of this state of the maps.
         pending_views: how many views of this floor's cameras haven't been integrated yet.
         removals: changes when what a source has contributed was taken out of the maps. Objects have other ids then.
+        areas: places of this floor where no robot is sent, and its passages that are known to be open or closed.
     """
 
     floor: str
@@ -39,6 +41,7 @@ class FloorMaps:
     revision: int
     pending_views: int = 0
     removals: int = 0
+    areas: tuple[Area, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,6 +24,7 @@ from surveilnav.services.planner.core.motion.drive import FmmPlanner, LocalPlann
 from surveilnav.services.planner.core.motion.waypoint_driving import WaypointPlanner, to_drive
 from surveilnav.services.planner.core.stages.initial_scan import initial_scan
 from surveilnav.services.planner.core.stages.last_resort import accept_when_steps_run_out
+from surveilnav.services.planner.core.stages.leaving import leave_area
 from surveilnav.services.planner.core.stages.objects import leave_outdone_object
 from surveilnav.services.planner.core.stages.rounds import first_decision
 
@@ -61,9 +62,11 @@ def step(
     state.record_removals(maps.removals)
     planner = planner or _PLANNERS[config.drive]
     context = StepContext.from_inputs(state, maps, robot, config, planner, summaries, rule)
-    decision = _fail_if_spent(context) or initial_scan(context) or _choose_waypoint_and_drive(context)
+    decision = (
+        _fail_if_spent(context) or leave_area(context) or initial_scan(context) or _choose_waypoint_and_drive(context)
+    )
     if config.drive == "waypoints":
-        decision = to_drive(decision, state, robot, config)
+        decision = to_drive(decision, state, robot, config, context.leads_through_barred)
     state.record_decision(decision)
     candidates = decision.candidates + unchosen_objects(context, decision.candidates)
     return state, replace(decision, candidates=candidates)

@@ -66,6 +66,11 @@ class Body(Protocol):
         ...
 
     @property
+    def battery(self) -> float | None:
+        """How full its battery is, 0 to 1; None: it doesn't say."""
+        ...
+
+    @property
     def notes(self) -> Sequence[str]: ...
 
     @property
@@ -104,6 +109,7 @@ class ActionBody:
     description = RobotDescription()
     problem = ""
     waypoint: WaypointStatus | None = None
+    battery: float | None = None
 
     def drive_to(self, waypoint: WaypointPose | None) -> None:
         """Nothing: it stands still between two actions."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import stat
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -29,13 +27,11 @@ def write_camera(path: Path, camera: str, values: Mapping[str, str]) -> None:
     try:
         with path.open(encoding="utf-8", newline="") as file:  # lines keep their ends
             text = file.read()
-        mode = stat.S_IMODE(path.stat().st_mode)
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"the file of cameras can't be read: {error}") from error
     changed = edited(path, text, camera, values)
     try:
-        with atomic_write(path) as out:
-            os.chmod(out.fileno(), mode)
+        with atomic_write(path, keep_mode=True) as out:
             out.write(changed.encode())
     except OSError as error:
         raise ConfigError(f"{path} can't be written: {error.strerror}. It is as it was") from error

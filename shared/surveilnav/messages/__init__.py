@@ -39,6 +39,7 @@ from surveilnav.messages.mission import (
     Plan,
 )
 from surveilnav.messages.node import Ack, ErrorReply, ServiceList, ServiceState, TrafficReport, TrafficRow
+from surveilnav.messages.passage import PassageState
 from surveilnav.messages.perception import Detection, InferReply, InferRequest, ModelIds, TextReply, WorkerLoad
 from surveilnav.messages.pictures import ForgetPictures, PicturesForgotten
 from surveilnav.messages.recording import (
@@ -127,6 +128,7 @@ __all__ = [
     "Recording",
     "RecordingList",
     "RecordingPart",
+    "PassageState",
     "RecordingRemoval",
     "ReplayControl",
     "ReplayStatus",

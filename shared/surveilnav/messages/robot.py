@@ -125,6 +125,7 @@ class RobotStatus(Message, frozen=True, kw_only=True):
         path_m: distance travelled since the mission began, or since start-up.
         description: what it is like and can do.
         waypoint: how far it has come with its newest waypoint; None: it has had none.
+        battery: how full its battery is, 0 to 1; None: it doesn't say.
     """
 
     robot: str
@@ -142,6 +143,7 @@ class RobotStatus(Message, frozen=True, kw_only=True):
     path_m: float = 0.0
     description: RobotDescription = RobotDescription()
     waypoint: WaypointStatus | None = None
+    battery: float | None = None
 
 
 class Command(Message, frozen=True, kw_only=True):

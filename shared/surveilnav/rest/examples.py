@@ -166,6 +166,7 @@ ROBOT: dict[str, Any] = {
     "message": "",
     "frame_problem": "",
     "frame_correction": None,
+    "battery": 0.83,
     "notes": [],
 }
 CAMERA: dict[str, Any] = {

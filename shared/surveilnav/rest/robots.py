@@ -36,6 +36,7 @@ class Robot(Resource):
     frame_correction: FrameCorrection | None = Field(
         default=None, description="how its place would fit what cameras have measured; null: it does"
     )
+    battery: float | None = Field(None, description="how full its battery is, 0 to 1; null: it doesn't say")
     notes: list[str] = Field(default_factory=list, description="which places it can't reach, and why")
 
 

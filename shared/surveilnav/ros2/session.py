@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 import threading
 import time
 from collections.abc import Callable
@@ -20,8 +21,12 @@ from surveilnav.ros2.graph import Graph
 from surveilnav.ros2.names import Attachment, Entity, EntityKind, Qos, data_key, qualified, tokens_of, type_in_key
 
 _CDR = zenoh.Encoding.APPLICATION_CDR
+#: A query that ends so long before its time limit wasn't too slow.
+_EARLY_S = 0.05
 #: In place of a type's hash: whatever it is.
 _ANY = "*"
+#: Of an error of Zenoh's: that it couldn't connect, which we say ourselves, and where in its own code it arose.
+_INNARDS = re.compile(r"Unable to connect to any of \S*!|\s*at \S+\.rs:\d+\.?")
 
 
 class RosError(BusError):
@@ -105,7 +110,8 @@ class RosSession:
         try:
             self.zenoh = zenoh.open(config)
         except zenoh.ZError as error:
-            raise RosError(f"no router of the robot at {self._router}: {error}") from error
+            why = _INNARDS.sub("", str(error)).strip()
+            raise RosError(f"no router of the robot at {self._router}{f': {why}' if why else ''}") from error
         self._keep(self.zenoh.liveliness().declare_token(self._entity("NN").token()))
         self._keep(self.zenoh.liveliness().declare_subscriber(tokens_of(self.domain), self._on_token, history=True))
         return self
@@ -202,6 +208,8 @@ class RosSession:
                 return response
             why = reply.err.payload.to_string()[:200] if reply.err is not None else "none"
             raise RosError(f"service {name} answers with an error: {why}")
+        if time.monotonic() < until_s - _EARLY_S:  # Zenoh gives up at once when the only server is gone
+            raise RosError(f"service {name} was left without an answer: its node has gone")
         raise RosError(f"service {name} didn't answer within {timeout_s:g} s")
 
     def serve(

@@ -47,6 +47,7 @@ OWNERS: dict[str, frozenset[Kind]] = {
     "every node": _SERVICES | _CAMERAS | {"robot"},
     "surveilnav replay": frozenset(),  # a replay has a router of its own, on this machine alone
     "surveilnav up": frozenset({"supervisor"}),
+    "a bridge to doors and lifts": frozenset({"doors"}),
     "simulator nodes": _CAMERAS | {"robot"},
 }
 
@@ -68,6 +69,7 @@ READERS: dict[str, frozenset[Kind]] = {
     "robot_status": _kinds("fusion", "planner", "gateway", "recorder", "supervisor", "viewer"),
     "robot_command": _kinds("planner"),
     "robot_halt": _kinds("gateway"),
+    "passage_state": _kinds("planner"),
     "perception_infer": _kinds("fusion"),
     "perception_text": _kinds("fusion", "planner", "gateway", "recorder"),
     "perception_load": _kinds("fusion", "planner", "gateway", "recorder", "supervisor", "viewer"),

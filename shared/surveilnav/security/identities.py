@@ -10,7 +10,8 @@ from surveilnav.contract import ID
 from surveilnav.errors import ConfigError
 
 #: Kinds of identities. ``cameras`` is one identity for all replicas of a container, each of which takes a free camera;
-#: ``supervisor`` is `surveilnav up`; ``viewer`` a program that only reads, and gets no pictures.
+#: ``supervisor`` is `surveilnav up`; ``viewer`` a program that only reads, and gets no pictures; ``doors``
+#: a bridge to the system that opens doors and moves lifts.
 Kind = Literal[
     "router",
     "fusion",
@@ -23,6 +24,7 @@ Kind = Literal[
     "camera",
     "robot",
     "viewer",
+    "doors",
 ]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 #: Kinds of which there is one identity for each thing: its name follows the kind, as in ``camera-lobby``.

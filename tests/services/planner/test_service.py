@@ -76,7 +76,7 @@ class Fakes:
         self.id, self.lock = robot, threading.Lock()
         self.commands, self.pending, self.answers, self.slow_at, self.slow_s = [], 0, True, -1, 0.0
         self.refuses_stairs, self.seqs, self.deaf = 0, [], False
-        self.state, self.frames = "ready", []
+        self.state, self.battery, self.frames = "ready", None, []
         self.mission, self.last_action, self.climbed_m, self.path_before_m = "", None, 0.0, 0.0
         self.robot_node, self.fusion_node = make_node("robot", robot), make_node("fusion", f"fusion-{robot}")
         self.robot_node.serve(ROBOT_COMMAND, self.command, robot=robot)
@@ -113,6 +113,7 @@ class Fakes:
             collided=self.world.collided,
             last_action=self.last_action,
             path_m=self.path_m(),
+            battery=self.battery,
         )
 
     def path_m(self):
@@ -672,6 +673,31 @@ def test_a_halted_robot_gets_no_mission(fakes, planner, client):
     assert (refused.error, "r1 halted" in refused.message) == ("no_free_robot", True)
 
 
+@pytest.mark.parametrize(
+    ("battery", "accepted"), [(0.14, False), (0.15, True), (None, True), (math.nan, True), (-3.0, True)]
+)
+def test_a_robot_with_a_low_battery_gets_no_new_mission_and_ends_the_one_that_it_is_on(
+    fakes, planner, client, battery, accepted
+):
+    f = fakes()
+    f.battery = 1.0
+    f.slow_s = 0.02
+    planner()
+    assert submit(client).accepted
+    until(lambda: len(f.commands) >= 2)
+    f.battery = battery
+    f.tell()
+    assert end_of(client).found
+    until(lambda: offer(client, "m2").error in ("", "robot_battery", "no_free_robot"))
+    named, any_one = offer(client, "m3", robot="r1"), offer(client, "m4")
+    if accepted:
+        assert named.error in ("", "robot_busy")
+        return
+    assert named.error == "robot_battery"
+    assert named.message == "robot 'r1' has to charge first: its battery is at 14%, and 15% are needed"
+    assert (any_one.error, "at 14%" in any_one.message) == ("no_free_robot", True)
+
+
 def test_goals_wait_for_a_robot_in_their_order(fakes, planner, client):
     f = fakes()
     service = planner(QUICK.model_copy(update={"max_queued": 2}))
@@ -996,7 +1022,8 @@ def test_killed_again_and_again_a_mission_ends_as_if_nothing_had_been(
 
 
 def test_an_accepted_goal_exists_after_kill_9(fakes, process, client):
-    fakes()
+    f = fakes(looks_like="")
+    f.slow_s = 0.1  # so that it still searches when the last question comes, however busy the machine is
     for k in range(3):
         with process() as child:
             accepted(client, f"m{k}", robot="r1") if k == 0 else seen(client, "m0")

@@ -24,6 +24,7 @@ TABLE = {
     "robot_status": ("robot", "fusion planner gateway recorder supervisor viewer"),
     "robot_command": ("robot", "planner"),
     "robot_halt": ("robot", "gateway"),
+    "passage_state": ("doors", "planner"),
     "perception_infer": ("perception", "fusion"),
     "perception_text": ("perception", "fusion planner gateway recorder"),
     "perception_load": ("perception", "fusion planner gateway recorder supervisor viewer"),
@@ -194,7 +195,7 @@ def test_each_announces_itself_alone(identity):
         for kind, id in product(("camera", "robot", "planner", "fusion", "gateway", "router", "viewer"), ("x", "y"))
         if allows(rules, "ingress", "liveliness_token", LIVELINESS.format(building=BUILDING, kind=kind, id=id))
     }
-    if identity.kind in ("viewer", "supervisor", "recorder", "perception"):
+    if identity.kind in ("viewer", "supervisor", "recorder", "perception", "doors"):
         expected: set[tuple[str, str]] = set()
     elif identity.kind == "cameras":
         expected = {("camera", "x"), ("camera", "y")}

@@ -6,6 +6,7 @@ import re
 from collections.abc import Mapping
 from pathlib import Path
 
+from surveilnav.cameras_file.passwords import passwords_in
 from surveilnav.cameras_file.urls import with_secrets
 from surveilnav.errors import ConfigError
 from surveilnav.services.camera_node.sources.readers.folder import FolderReader
@@ -25,8 +26,8 @@ def choose_reader(
 
     Args:
         stream: as in cameras.yaml.
-        folder: where relative paths begin.
-        environment: where variables in the address are looked up.
+        folder: where relative paths begin, and where ``passwords.env`` may stand.
+        environment: where variables in the address are looked up; before ``passwords.env``.
         size_px: (width, height) of the pictures that the lens was calibrated for.
         period_s: least time between two pictures.
 
@@ -34,7 +35,7 @@ def choose_reader(
         ConfigError: nothing can read such an address, or a variable isn't set.
     """
     try:
-        address = with_secrets(stream, environment)
+        address = with_secrets(stream, passwords_in(folder) | dict(environment))
     except ValueError as error:
         raise ConfigError(f"stream: {error}") from None
     scheme = address.split("://", 1)[0].lower() if "://" in address else ""

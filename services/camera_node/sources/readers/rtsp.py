@@ -46,30 +46,10 @@ class RtspReader(OpenCVReader):
 def diagnose(address: str) -> str:
     """Why an RTSP stream can't be opened, by what the server answers to DESCRIBE."""
     parts = urlsplit(address)
-    host, port = parts.hostname or "", parts.port or _PORTS.get(parts.scheme, 554)
-    if not host:
-        return "the address names no host: expected rtsp://host/path"
-    path = f"{parts.path}{f'?{parts.query}' if parts.query else ''}"
-    url = f"{parts.scheme}://{host}:{port}{path}"
-    request = f"DESCRIBE {url} RTSP/1.0\r\nCSeq: 1\r\nAccept: application/sdp\r\n\r\n"
-    try:
-        with socket.create_connection((host, port), _PROBE_S) as plain:
-            plain.settimeout(_PROBE_S)
-            with _secured(plain, parts.scheme, host) as connection:
-                connection.sendall(request.encode())
-                status = connection.recv(4096).decode("latin-1").split("\r\n", 1)[0]
-    except TimeoutError:
-        return f"{host}:{port} doesn't answer: check the address, the network and whether the camera is on"
-    except ConnectionRefusedError:
-        return f"{host}:{port} refuses connections: check the port, and whether RTSP is on in the camera's settings"
-    except socket.gaierror:
-        return f"the name {host} isn't known"
-    except OSError as error:
-        return f"{host}:{port} can't be reached: {error.strerror or type(error).__name__}"
-    words = status.split()
-    if not words or not words[0].startswith("RTSP/"):
-        return f"{host}:{port} doesn't speak RTSP; a web page or another service answers there"
-    code = words[1] if len(words) > 1 else "?"
+    status, why = ask(address)
+    if why:
+        return why
+    code = (*status.split(), "?")[1]
     if code in ("401", "403"):
         if parts.username is None:
             return "the camera wants a user and a password: rtsp://user:${PASSWORD}@host/path"
@@ -79,6 +59,37 @@ def diagnose(address: str) -> str:
     if code.startswith("2"):
         return "the camera answers, but its stream can't be decoded; expected H.264, H.265 or MJPEG"
     return f"the camera answers with RTSP status {code}"
+
+
+def ask(address: str) -> tuple[str, str]:
+    """What a server answers to DESCRIBE without a user, its first lines; else "" and why it answers nothing, for people."""
+    try:
+        parts = urlsplit(address)
+        host, port = parts.hostname or "", parts.port or _PORTS.get(parts.scheme, 554)
+    except ValueError:
+        host = ""
+    if not host:
+        return "", "the address names no host: expected rtsp://host/path"
+    path = f"{parts.path}{f'?{parts.query}' if parts.query else ''}"
+    url = f"{parts.scheme}://{host}:{port}{path}"
+    request = f"DESCRIBE {url} RTSP/1.0\r\nCSeq: 1\r\nAccept: application/sdp\r\n\r\n"
+    try:
+        with socket.create_connection((host, port), _PROBE_S) as plain:
+            plain.settimeout(_PROBE_S)
+            with _secured(plain, parts.scheme, host) as connection:
+                connection.sendall(request.encode())
+                answer = connection.recv(4096).decode("latin-1")
+    except TimeoutError:
+        return "", f"{host}:{port} doesn't answer: check the address, the network and whether the camera is on"
+    except ConnectionRefusedError:
+        return "", f"{host}:{port} refuses connections: check the port, and whether RTSP is on in the camera's settings"
+    except socket.gaierror:
+        return "", f"the name {host} isn't known"
+    except OSError as error:
+        return "", f"{host}:{port} can't be reached: {error.strerror or type(error).__name__}"
+    if not answer.startswith("RTSP/"):
+        return "", f"{host}:{port} doesn't speak RTSP; a web page or another service answers there"
+    return answer, ""
 
 
 def _secured(plain: socket.socket, scheme: str, host: str) -> socket.socket:

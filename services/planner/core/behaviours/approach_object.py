@@ -36,7 +36,7 @@ def approach_object(context: StepContext, record: ObjectRecord, choice: Choice) 
     )
     if region is None:
         if objects.is_confirmed(record, context.state.target):
-            context.state.record_unreachable(record)
+            context.state.record_unreachable(record, context.area_at(*record.center_m[:2]))
         context.state.blacklist_place(*record.center_m[:2], context.config)
         return None
     approach = _Approach(context, record, choice, verification)

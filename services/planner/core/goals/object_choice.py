@@ -10,7 +10,12 @@ from typing import Literal
 from surveilnav.messages import Candidate, ObjectRecord
 from surveilnav.services.planner.core.context import Choice, StepContext
 from surveilnav.services.planner.core.goals import objects
-from surveilnav.services.planner.core.goals.travel import is_constrained, is_reachable, travel_time_to
+from surveilnav.services.planner.core.goals.travel import (
+    is_behind_passage,
+    is_constrained,
+    is_reachable,
+    travel_time_to,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +50,7 @@ def promising_object(context: StepContext) -> ObjectGoal | None:
 def any_object(context: StepContext) -> ObjectGoal | None:
     """The same choice from all candidates that aren't blacklisted, however unlikely they are; None if there are none."""
     known = objects.candidates(context.maps.objects, context.state, context.config)
-    return _best(context, [o for o in known if not is_blacklisted(context, o)])
+    return _best(context, [o for o in known if not is_left_alone(context, o)])
 
 
 def current_lost_promise(context: StepContext) -> bool:
@@ -77,6 +82,11 @@ def object_utility(context: StepContext, record: ObjectRecord) -> float:
         return 1.0
     chance = objects.chance(record, context.state.target)
     return chance / (travel_time_to(context, record) + context.config.verify_cost_m)
+
+
+def is_left_alone(context: StepContext, record: ObjectRecord) -> bool:
+    """Whether the robot leaves an object alone for now: it is blacklisted, or behind a closed passage."""
+    return is_blacklisted(context, record) or is_behind_passage(context, record)
 
 
 def is_blacklisted(context: StepContext, record: ObjectRecord) -> bool:
@@ -128,7 +138,7 @@ def _available_promising(context: StepContext) -> list[ObjectRecord]:
     return [
         o
         for o in objects.promising(context.maps.objects, context.state, context.config)
-        if not is_blacklisted(context, o)
+        if not is_left_alone(context, o)
         and (objects.is_confirmed(o, context.state.target) or not is_deferred(context, o))
     ]
 

@@ -20,6 +20,13 @@ def is_reachable(context: StepContext, record: ObjectRecord) -> bool:
     return math.isfinite(_known_travel_time_to(context, record))
 
 
+def is_behind_passage(context: StepContext, record: ObjectRecord) -> bool:
+    """Whether a way leads to an object only once a closed passage opens."""
+    if not context.closed_passages or is_reachable(context, record):
+        return False
+    return is_reachable(context.with_all_open, record)
+
+
 def is_constrained(context: StepContext, x_m: float, y_m: float, travel_time_m: float) -> bool:
     """Whether the way to a place leads through narrow gaps that the robot most likely can't pass.
 

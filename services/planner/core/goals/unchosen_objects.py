@@ -8,7 +8,7 @@ from surveilnav.messages import Candidate, ObjectRecord
 from surveilnav.services.planner.core.context import StepContext
 from surveilnav.services.planner.core.goals import objects
 from surveilnav.services.planner.core.goals.object_choice import is_blacklisted, is_deferred, object_utility
-from surveilnav.services.planner.core.goals.travel import is_reachable
+from surveilnav.services.planner.core.goals.travel import is_behind_passage, is_reachable
 
 _MAX_OBJECTS = 12
 
@@ -47,6 +47,9 @@ def _why_not(context: StepContext, record: ObjectRecord, *, confirmed: bool) -> 
         return "the robot looked at this place, and the target wasn't there"
     if is_blacklisted(context, record):
         return "going there failed"
+    if is_behind_passage(context, record):
+        names = " or ".join(area.name for area in context.closed_passages)
+        return f"it is behind {names}, which is closed"
     if not is_reachable(context, record):
         return "no way leads there yet"
     if not confirmed and is_deferred(context, record):

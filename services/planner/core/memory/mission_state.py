@@ -272,10 +272,12 @@ class MissionState:
         self.here.blacklist.release(*record.center_m[:2], self.step, config)
         return True
 
-    def record_unreachable(self, record: ObjectRecord) -> None:
-        """Records for the final message that no way leads near a confirmed target."""
+    def record_unreachable(self, record: ObjectRecord, area: str = "") -> None:
+        """Records for the final message that no way leads near a confirmed target; ``area``: in which it stands."""
         x, y, _ = record.center_m
-        self.unreachable_why = f"{self.target!r} was seen at ({x:.1f}, {y:.1f}), but no way leads near it"
+        why = f"the {self.target} at ({x:.1f}, {y:.1f}) stands in {area}, and can't be reached from outside"
+        no_way = f"{self.target!r} was seen at ({x:.1f}, {y:.1f}), but no way leads near it"
+        self.unreachable_why = why if area else no_way
 
     def record_turn_at_frontier(self) -> None:
         """Records a turn towards the unexplored side of the current frontier."""

@@ -52,7 +52,21 @@ class FmmPlanner:
         field = travel_time_m(steering_speed(terrain.speed), goals, terrain.grid.resolution_m, here, BEYOND_ROBOT_M)
         if not math.isfinite(field[here]):
             return None
-        return Route(next_action(terrain, field, robot, config), descend(terrain, field, *here), float(field[here]))
+        action = next_action(terrain, field, robot, config)
+        if action == "move_forward" and _enters_barred(terrain, robot, config):
+            action = "turn_left"  # no step is free; unlike a wall, nothing there would stop the robot
+        return Route(action, descend(terrain, field, *here), float(field[here]))
+
+
+def _enters_barred(terrain: Terrain, robot: RobotView, config: PlannerConfig) -> bool:
+    """Whether a step straight on enters cells where the robot isn't sent, other than those on its way out of there."""
+    if terrain.barred is None:
+        return False
+    along_m = np.linspace(0.0, config.step_m, 16)[1:, None]
+    heading = np.array([math.cos(robot.yaw_rad), math.sin(robot.yaw_rad)])
+    cells = terrain.grid.cells_of((robot.x_m, robot.y_m) + along_m * heading)
+    cells = cells[terrain.grid.contains(cells)]
+    return bool((terrain.barred.near & (terrain.speed <= 0.0))[cells[:, 0], cells[:, 1]].any())
 
 
 def steering_speed(speed: NDArray[np.float64]) -> NDArray[np.float64]:

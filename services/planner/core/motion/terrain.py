@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import cv2
@@ -21,6 +21,7 @@ from surveilnav.robot_body import clearance_m, fits
 from surveilnav.services.planner.core.config import PlannerConfig
 from surveilnav.services.planner.core.inputs import FloorMaps, RobotView
 from surveilnav.services.planner.core.memory.mission_state import MissionState
+from surveilnav.services.planner.core.motion.areas import BarredCells, barred_cells, cells_in, way_out
 from surveilnav.services.planner.core.motion.fast_marching import fast_march
 
 #: Travel time to a cell that no way leads to.
@@ -39,6 +40,9 @@ class Terrain:
         speed: float64, 0 where the robot's centre can't be, else in (0, 1].
         bumps: (n, 3) float64 x, y [m], yaw [rad]: places and headings from which a move was cut short.
         revisit_m: float64, additional cost of a step that ends in a cell to which the robot came repeatedly of late.
+        barred: where keepout zones and closed passages keep robots out; None: nowhere. ``speed`` is 0 there, unless the robot
+            is there and has to get out.
+        speed_of_others: the speed for navigation that knows nothing of them, such as Nav2's.
     """
 
     grid: Grid
@@ -50,6 +54,8 @@ class Terrain:
     speed: NDArray[np.float64]
     bumps: NDArray[np.float64]
     revisit_m: NDArray[np.float64]
+    barred: BarredCells | None = None
+    speed_of_others: NDArray[np.float64] | None = None
 
     def crop(self, layer: NDArray) -> NDArray:
         """The window of a layer of the whole map, as a view."""
@@ -96,6 +102,11 @@ def build_terrain(
     prior_free = maps.occupancy[window] == PRIOR_FREE  # nobody has looked there yet, but the way is known
     occupancy = ((maps.occupancy[window] != 0) & ~estimated & ~prior_free).astype(np.uint8)
     _paint(occupancy, grid, state.here.visited[-200:], 0.0, value=0)
+    if any(
+        area.kind == "open" for area in maps.areas
+    ):  # what the map holds there is the door, from before it was opened
+        estimated |= (occupancy != 0) & (opened := cells_in(grid, maps.areas, "open"))
+        occupancy[opened] = 0
     occupied, explored = occupancy != 0, (maps.explored[window] != 0) | prior_free
     clearance = clearance_m(occupied, r)
     speed = _speed(clearance, explored, config)
@@ -107,7 +118,32 @@ def build_terrain(
         speed[here[0], here[1]] = max(speed[here[0], here[1]], config.wall_speed)
     bumps = np.reshape(np.array(state.here.bumps, dtype=np.float64), (-1, 3))
     revisit = _revisit_m(grid, state.here.visited[-_RECENT_STEPS:], config)
-    return Terrain(grid, row0, col0, occupied, explored & ~occupied & ~estimated, clearance, speed, bumps, revisit)
+    known = explored & ~occupied & ~estimated
+    terrain = Terrain(grid, row0, col0, occupied, known, clearance, speed, bumps, revisit)
+    barred = barred_cells(grid, maps.areas, config.robot_radius_m) if maps.areas else None
+    return terrain if barred is None else _with_barred(terrain, barred, robot, config)
+
+
+def _with_barred(terrain: Terrain, barred: BarredCells, robot: RobotView, config: PlannerConfig) -> Terrain:
+    """The terrain without the cells where no robot is sent.
+
+    A robot whose body reaches into an area can leave it: slowly, so that the way out is short.
+    """
+    passable = np.zeros(terrain.grid.shape, dtype=bool)
+    here = terrain.cell(robot.x_m, robot.y_m)
+    if barred.inside[here]:
+        passable = way_out(barred, here)
+    elif barred.near[here]:
+        passable = (
+            terrain.disc(robot.x_m, robot.y_m, config.robot_radius_m + config.robot_free_radius_m) & ~barred.inside
+        )
+    speed = np.where(barred.near, 0.0, terrain.speed)
+    speed[passable & barred.near] = _WAY_OUT_SPEED * terrain.speed[passable & barred.near]
+    return replace(terrain, speed=speed, barred=barred, speed_of_others=terrain.speed)
+
+
+#: Factor on the speed of a robot that leaves an area where it shouldn't be.
+_WAY_OUT_SPEED = 0.1
 
 
 #: How many of the last steps count as recent, and how many arrivals at a cell among them are free.
@@ -209,7 +245,7 @@ def lines_are_clear(obstacles, start, end, run):  # type: ignore[no-untyped-def]
 
 
 def coarse_travel_time_m(terrain: Terrain, x_m: float, y_m: float) -> NDArray[np.float64]:
-    """Travel time from a place to every cell of the window, computed on cells of twice the size.
+    """Travel time from a place to every cell of the window where a robot may be sent, computed on cells of twice the size.
 
     Of four cells the fastest counts. Inflated obstacles are several cells thick, so this opens no wall.
     """
@@ -222,6 +258,8 @@ def coarse_travel_time_m(terrain: Terrain, x_m: float, y_m: float) -> NDArray[np
     time = travel_time_m(coarse, sources, 2.0 * terrain.grid.resolution_m)
     fine = np.repeat(np.repeat(time, 2, axis=0), 2, axis=1)[:rows, :cols]
     fine[terrain.speed <= 0.0] = UNREACHED
+    if terrain.barred is not None:
+        fine[terrain.barred.near] = UNREACHED  # also where the robot may pass to get out of there
     return fine
 
 

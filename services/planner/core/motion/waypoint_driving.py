@@ -7,6 +7,7 @@ on the spot. The robot's own navigation (such as Nav2) finds the way, and is in 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import cv2
@@ -14,13 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surveilnav.messages import WaypointPose, WaypointStatus
+from surveilnav.robot_body import clearance_m
 from surveilnav.robot_frame import PlanarTransform
 from surveilnav.services.planner.core.config import PlannerConfig
 from surveilnav.services.planner.core.decision import Decision
 from surveilnav.services.planner.core.inputs import RobotView
 from surveilnav.services.planner.core.memory.mission_state import MissionState
 from surveilnav.services.planner.core.motion.drive import BEYOND_ROBOT_M, Route, descend
-from surveilnav.services.planner.core.motion.terrain import Terrain, travel_time_m
+from surveilnav.services.planner.core.motion.terrain import Terrain, lines_are_clear, travel_time_m
 
 _TURNS = {"turn_left": 1.0, "turn_right": -1.0}
 
@@ -37,8 +39,40 @@ class WaypointPlanner:
         for cells in (inner, goals):
             field = travel_time_m(terrain.speed, cells, terrain.grid.resolution_m, here, BEYOND_ROBOT_M)
             if math.isfinite(field[here]):
-                return Route("drive_to", descend(terrain, field, *here), float(field[here]))
+                path = before_barred(terrain, descend(terrain, field, *here), robot)
+                return Route("drive_to", path, float(field[here]))
         return None
+
+
+def before_barred(
+    terrain: Terrain, path: tuple[tuple[float, float], ...], robot: RobotView
+) -> tuple[tuple[float, float], ...]:
+    """The beginning of a path (x, y) [m] whose end the robot can be sent to although its own navigation doesn't know where it
+    mustn't go: the whole path if that passes no barred area, else a short piece that a straight line clear of such areas joins.
+    """
+    barred, others = terrain.barred, terrain.speed_of_others
+    if barred is None or others is None:
+        return path
+    here, r = terrain.cell(robot.x_m, robot.y_m), terrain.grid.resolution_m
+    end = np.zeros(terrain.grid.shape, dtype=bool)
+    end[terrain.cell(*path[-1])] = True
+    own_way = descend(terrain, travel_time_m(others, end, r, here, BEYOND_ROBOT_M), *here)
+    cells = terrain.grid.cells_of(np.array(own_way))
+    if clearance_m(barred.near, r)[cells[:, 0], cells[:, 1]].min() > _NEAR_M:
+        return path
+    points = terrain.grid.cells_of(np.array(path))
+    clear = lines_are_clear(barred.near | terrain.occupied, points, np.full(points.shape, here), _OUT_OF_RIM_M / r)
+    clear &= np.linalg.norm(np.array(path) - path[0], axis=1) <= _PIECE_M
+    last = max(1, int(np.flatnonzero(clear).max(initial=1)))
+    return path[: last + 1]
+
+
+#: Navigation that would pass an area at this distance might as well pass through it, since it weighs distances otherwise.
+_NEAR_M = 0.3
+#: Beside an area the robot is sent no farther than this at a time, so that its navigation keeps to about the straight line.
+_PIECE_M = 1.0
+#: A robot that stands so far inside the rim of a barred area drives straight out of it.
+_OUT_OF_RIM_M = 0.4
 
 
 def inner_cells(goals: NDArray[np.bool_], tolerance_cells: float) -> NDArray[np.bool_]:
@@ -47,10 +81,17 @@ def inner_cells(goals: NDArray[np.bool_], tolerance_cells: float) -> NDArray[np.
     return np.asarray(goals & (depth >= min(tolerance_cells, float(depth.max()))))
 
 
-def to_drive(decision: Decision, state: MissionState, robot: RobotView, config: PlannerConfig) -> Decision:
+def to_drive(
+    decision: Decision,
+    state: MissionState,
+    robot: RobotView,
+    config: PlannerConfig,
+    leads_through_barred: Callable[[float, float], bool] = lambda x_m, y_m: False,
+) -> Decision:
     """The decision as a waypoint that the robot drives to, if it is about moving; ``state`` remembers the waypoint.
 
-    While the robot drives, its waypoint stays unless the new one is clearly elsewhere: each replacement makes it slow down.
+    While the robot drives, its waypoint stays unless the new one is clearly elsewhere, since each replacement makes it slow down,
+    or unless ``leads_through_barred``: on the straight line to a place (x, y) there is one where no robot is sent.
     """
     if decision.action in _TURNS:
         yaw_rad = math.remainder(robot.yaw_rad + _TURNS[decision.action] * config.turn_rad, 2 * math.pi)
@@ -58,7 +99,8 @@ def to_drive(decision: Decision, state: MissionState, robot: RobotView, config: 
     elif decision.action == "drive_to":
         wanted = _end_of(decision, state, robot)
         current = state.driving_to
-        if current is not None and _is_driving(current, robot) and _is_near(current, wanted, config):
+        keeps = current is not None and _is_driving(current, robot) and _is_near(current, wanted, config)
+        if current is not None and keeps and not leads_through_barred(current.x_m, current.y_m):
             wanted = current
     else:
         return decision

@@ -21,12 +21,13 @@ def next_floor(context: StepContext) -> Retry | None:
     state, config = context.state, context.config
     likeliest = next(iter(objects.last_resorts(context.maps.objects, state, config)), None)
     state.here.record_searched(objects.chance(likeliest, state.target) if likeliest else 0.0)
-    goal = _floor_to_search(context)
+    goal = floor_to_search(context)
     state.set_floor_goal(goal)
     return RETRY if goal is not None else None
 
 
-def _floor_to_search(context: StepContext) -> FloorGoal | None:
+def floor_to_search(context: StepContext) -> FloorGoal | None:
+    """The floor to go to once this one is searched; None: none is left that can be reached."""
     state, paths = context.state, paths_to_floors(context)
     left = [f for f in sorted(paths) if not memory_of(context, f).is_searched and may_visit(context, f)]
     # weak evidence is no reason to pass by a floor that the robot hasn't searched

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from surveilnav.services.planner.core.context import StepContext
 from surveilnav.services.planner.core.decision import Decision
+from surveilnav.services.planner.core.stages.closed_passage import closed_passage
 from surveilnav.services.planner.core.stages.exploring import constrained_frontier, frontier
 from surveilnav.services.planner.core.stages.last_resort import last_resort
 from surveilnav.services.planner.core.stages.next_floor import next_floor
@@ -28,7 +29,7 @@ def retry_blacklisted(context: StepContext) -> Retry | None:
 ROUNDS: tuple[tuple[Stage, ...], ...] = (
     (confirmed_target, promising_candidate, other_floor, frontier, retry_blacklisted),
     (any_candidate, other_floor, retry_blacklisted, next_floor, second_look),
-    (any_candidate, other_floor, constrained_frontier, retry_blacklisted, last_resort),
+    (any_candidate, other_floor, constrained_frontier, retry_blacklisted, closed_passage, last_resort),
 )
 
 

@@ -13,11 +13,12 @@ from surveilnav.robot_body import CAMERA_HEIGHT_M, HFOV_RAD
 from surveilnav.robot_file import RobotFile
 from surveilnav.robot_frame import PlanarTransform
 from surveilnav.robot_state import RobotState
-from surveilnav.ros2.names import Qos
+from surveilnav.ros2.names import Qos, qualified
 from surveilnav.ros2.navigate_to_pose import NavigateToPose
 from surveilnav.ros2.session import RosMessage, RosSession
 from surveilnav.services.robot_node.bodies.body import Observation
-from surveilnav.services.robot_node.bodies.ros2.camera import RobotCamera
+from surveilnav.services.robot_node.bodies.ros2.battery import Battery
+from surveilnav.services.robot_node.bodies.ros2.camera import RobotCamera, stamp_of
 from surveilnav.services.robot_node.bodies.ros2.place import RobotPlace
 from surveilnav.services.robot_node.bodies.ros2.transforms import TransformBuffer, TransformError
 from surveilnav.services.robot_node.bodies.ros2.velocity import Velocity, VelocityDrive
@@ -29,6 +30,8 @@ _PATIENCE_S = 3.0
 _PICTURE_TIMEOUT_S = 5.0
 _POLL_S = 0.02
 _WATCH_S = 0.2
+#: A clock that differs by less isn't worth a word.
+_CLOCK_OFF_S = 2.0
 _STANDING_M_S, _STANDING_RAD_S = 0.02, 0.05
 _SENSOR_QOS = Qos(reliable=False, depth=5)
 _STATIC_QOS = Qos(transient_local=True, depth=100)
@@ -52,7 +55,9 @@ class Ros2Body:
         self._shown_ns = 0  # the newest pair that was shown
         self._acted_ns = 0  # by the robot's clock, when the last action ended
         self._problem, self._problem_since_s = "", time.monotonic()
+        self._battery, self._clock_off_s = Battery(), 0.0
         self._closing = threading.Event()
+        self._session = session
         self._subscribe(session)
         topics = file.topics
         kind = "geometry_msgs/msg/TwistStamped" if topics.velocity_stamped else "geometry_msgs/msg/Twist"
@@ -90,11 +95,16 @@ class Ros2Body:
             lambda m: camera.add_depth(m.data),
             _SENSOR_QOS,
         )
+        if topics.battery:
+            session.subscribe(
+                topics.battery, "sensor_msgs/msg/BatteryState", lambda m: self._battery.add(m.data), _SENSOR_QOS
+            )
         session.subscribe(
             topics.camera_info, "sensor_msgs/msg/CameraInfo", lambda m: camera.set_info(m.data), _SENSOR_QOS
         )
 
     def _on_odometry(self, message: RosMessage) -> None:
+        self._clock_off_s = (stamp_of(message.data.header) - message.received_ns) / 1e9
         self.place.add_odometry(message.data, message.attachment.gid if message.attachment else b"")
 
     # --- what the node asks ---------------------------------------------------------------------------------------
@@ -114,7 +124,16 @@ class Ros2Body:
 
     @property
     def notes(self) -> Sequence[str]:
-        return self.place.notes
+        off_s = self._clock_off_s
+        if abs(off_s) < _CLOCK_OFF_S:
+            return self.place.notes
+        side = "ahead of" if off_s > 0 else "behind"
+        return [*self.place.notes, f"its clock is {abs(off_s):.0f} s {side} this machine's; that does no harm"]
+
+    @property
+    def battery(self) -> float | None:
+        """How full its battery is, 0 to 1; None: it doesn't say."""
+        return self._battery.share
 
     @property
     def problem(self) -> str:
@@ -129,10 +148,25 @@ class Ros2Body:
         """Looks now and then whether something is wrong."""
         while not self._closing.wait(_WATCH_S):
             self.place.record_corrections()
-            why = self.place.problem() or self.camera_problem()
+            why = self.place.problem() or self.camera_problem() or self._camera_place_problem()
             if bool(why) != bool(self._problem):
                 self._problem_since_s = time.monotonic()
             self._problem = why
+
+    def _camera_place_problem(self) -> str:
+        """Why it isn't known where its camera is on it; empty if it is, or if there is no picture yet."""
+        try:
+            self.place.camera_on_base(self._camera.frame)
+        except TransformError as error:
+            name = qualified(self._file.topics.tf_static, self._session.namespace)
+            publishers = self._session.graph.endpoints("MP", name)
+            if publishers and not any(p.qos.transient_local for p in publishers):
+                return (
+                    f"{error} {name} is published as volatile, so what was said before SurveilNav listened is lost: its "
+                    "publisher has to be transient_local"
+                )
+            return str(error)
+        return ""
 
     @property
     def waypoint(self) -> WaypointStatus | None:

@@ -19,6 +19,8 @@ from surveilnav.services.robot_node.bodies.ros2.transforms import TransformBuffe
 _JUMP_M, _FASTEST_M_S = 0.5, 3.0
 #: The place in the map that changes by more than odometry says was corrected by the localisation, which people should know.
 _CORRECTED_M = 0.3
+#: One that changed by more means that it may have another map, or was lost until now: then nothing is believed any more.
+_MOVED_M = 1.0
 #: A localisation that is less sure than this (standard deviation along the worse axis) is lost.
 _LOST_M = 0.5
 #: No odometry, or no transform, for so long means that the robot's place isn't known.
@@ -44,6 +46,7 @@ class RobotPlace:
         self._odom: tuple[int, float, float, bytes] | None = None  # stamp, x, y, sender
         self._restarted_ns: int | None = None
         self._frame_lost = ""
+        self._moved = ""
         self._deviation_m = 0.0
         self._last_map: tuple[PlanarTransform, PlanarTransform] | None = None  # T_map_base and T_odom_base
         self.path_m = self.speed_m_s = self.turn_rad_s = 0.0
@@ -93,6 +96,7 @@ class RobotPlace:
         """The map's place in the building was measured anew: what was lost is known again."""
         with self._lock:
             self._T_building_map, self._frame_lost, self._restarted_ns = T_building_map, "", None
+            self._moved, self._last_map = "", None
 
     def _on_restart(self, stamp_ns: int, moved_m: float) -> None:
         """Odometry has begun anew. A robot without a localisation of its own then has another map than before."""
@@ -114,6 +118,8 @@ class RobotPlace:
                 return "where its map lies in the building isn't known: measure it (surveilnav robots frame)"
             if self._frame_lost:
                 return self._frame_lost
+            if self._moved:
+                return self._moved
             silent_s = time.monotonic() - max(self.odometry_s, self._began_s)
         if silent_s > _SILENT_S:
             since = "yet" if self.odometry_s == -math.inf else f"for {silent_s:.0f} s"
@@ -175,5 +181,12 @@ class RobotPlace:
             return
         expected = last[0] @ (last[1].inverse() @ T_odom_base)
         off_m, off_rad = expected.difference(T_map_base)
-        if off_m > _CORRECTED_M:
-            self.notes = [f"its localisation moved it by {off_m:.2f} m and {math.degrees(off_rad):.0f} degrees at once"]
+        if off_m <= _CORRECTED_M:
+            return
+        said = f"its localisation moved it by {off_m:.2f} m and {math.degrees(off_rad):.0f} degrees at once"
+        self.notes = [said]
+        if off_m > _MOVED_M:
+            self._moved = (
+                f"{said}: it was lost, or has another map. If it is now where the page shows it, save its robot file again as it "
+                "is; else measure where its map lies (surveilnav robots frame)"
+            )

@@ -48,7 +48,7 @@ def test_there_are_metrics_to_compare_with():
         "surveilnav_node_wire_sent_bytes_total",
     } <= set(KNOWN)
     assert len(EXPRESSIONS) > 25
-    assert len(ALERTS) == 6
+    assert len(ALERTS) == 7
 
 
 @pytest.mark.parametrize(

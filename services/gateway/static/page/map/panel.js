@@ -67,7 +67,7 @@ function Empty({ floor }) {
 function Positions({ floor }) {
   const at = p => `at ${p[0].toFixed(1)}, ${p[1].toFixed(1)} metres`;
   return html`<ul class="unseen" aria-label="What is on the map">
-    ${all("robot").filter(r => r.floor === floor).map(r => html`<li data-robot=${r.id}>Robot ${r.id}, ${r.state}, ${at(r.position_m)}</li>`)}
+    ${all("robot").filter(r => r.floor === floor).map(r => html`<li data-robot=${r.id}>Robot ${r.id}, ${r.state}, ${at(r.position_m)}${r.battery == null ? "" : `, battery ${Math.round(100 * r.battery)} %`}</li>`)}
     ${all("camera").filter(c => c.floor === floor).map(c => html`<li>Camera ${c.id}, ${c.invoked ? "invoked" : "not invoked"}, ${at(c.position_m)}</li>`)}
   </ul>`;
 }

@@ -28,7 +28,7 @@ function describe({ kind, thing }) {
   if (kind === "object") return `${thing.label} #${thing.id}, ${thing.status} ${percent(thing.confidence)} (click for its history)`;
   if (kind === "camera") return `camera ${thing.id}${thing.stale ? ", gone" : thing.paused ? ", paused" : thing.invoked ? `, invoked: ${thing.views_processed} of ${thing.views.length} views` : ", not invoked"}`;
   if (kind === "place") return `${thing.kind}${thing.chosen ? ", chosen" : ""}: ${thing.note}`;
-  return `robot ${thing.id}, ${thing.state}${thing.message ? `: ${thing.message}` : ""}`;
+  return `robot ${thing.id}, ${thing.state}${thing.battery == null ? "" : `, battery ${Math.round(100 * thing.battery)} %`}${thing.message ? `: ${thing.message}` : ""}`;
 }
 
 function Hint({ text, u, v }) {

@@ -170,6 +170,19 @@ def test_a_correction_by_its_localisation_is_noted(robot):
     assert robot.place.notes == ["its localisation moved it by 0.50 m and 0 degrees at once"]
 
 
+def test_a_localisation_that_jumps_far_is_a_problem_until_a_person_has_looked(robot):
+    robot.place.record_corrections()
+    robot.localise(4.0, 0.3, stamp_ns=2 * S)
+    robot.place.record_corrections()
+    assert robot.place.problem().startswith("its localisation moved it by")
+    assert "save its robot file again" in robot.place.problem()
+    robot.place.record_corrections()
+    assert robot.place.problem(), "it doesn't pass by itself"
+    robot.place.set_frame(PlanarTransform())
+    robot.place.record_corrections()
+    assert robot.place.problem() == ""
+
+
 def test_a_localisation_that_says_that_it_is_lost_is_believed(robot):
     robot.place.add_localisation(sure_to(0.8))
     assert robot.place.problem() == "its localisation is lost: it knows its place to 0.8 m only"

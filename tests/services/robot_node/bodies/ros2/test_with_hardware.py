@@ -51,8 +51,8 @@ def building(home_cache: Any) -> SimulatedBuilding:
 class Rig:
     """A robot, its truth, and SurveilNav's body that is connected to it."""
 
-    def __init__(self, robot: Ros2Robot, body: Ros2Body) -> None:
-        self.robot, self.body = robot, body
+    def __init__(self, robot: Ros2Robot, body: Ros2Body, die: Callable[[], object]) -> None:
+        self.robot, self.body, self.die = robot, body, die
 
     def ready(self) -> Rig:
         until(
@@ -116,7 +116,7 @@ def rig(router: str, building: SimulatedBuilding) -> Iterator[Callable[..., Rig]
             topics = {"tf": "tf", "tf_static": "tf_static"} | facts.pop("topics", {})
             body = Ros2Body(RobotFile.model_validate(facts | {"topics": topics}), session)
             stack.callback(body.close)
-            return Rig(robot, body)
+            return Rig(robot, body, lambda: (stop.set(), thread.join(), hardware.__exit__(None, None, None)))
 
         yield start
 
@@ -198,6 +198,7 @@ def test_feedback_that_stops_is_named_and_then_given_up(rig, monkeypatch):
         ("no_depth", "no depth pictures came yet"),
         ("depth_mm_as_metres", "mistakes metres and millimetres"),
         ("no_tf", "no transform leads from"),
+        ("tf_static_volatile", "tf_static is published as volatile"),
     ],
 )
 def test_what_is_missing_or_wrong_is_a_problem_by_name(rig, fault, says):
@@ -211,6 +212,7 @@ def test_what_is_missing_or_wrong_is_a_problem_by_name(rig, fault, says):
 @pytest.mark.parametrize("clock", [{"clock_offset_s": -3600.0}, {"sim_time": True}])
 def test_another_clock_does_no_harm(rig, clock):
     r = rig(**clock).ready()
+    assert [note[:9] for note in r.body.notes] == ["its clock"]
     seen = until(r.body.observe, timeout_s=WAIT_S)
     assert math.dist(seen.state.p_world[:2], (r.true.x_m, r.true.y_m)) < 0.1
 
@@ -221,6 +223,40 @@ def test_a_localisation_that_jumps_is_noted(rig):
     r.robot.robot.jump(0.5, 0.0)
     until(lambda: r.body.notes, timeout_s=WAIT_S)
     assert r.body.notes[0].startswith("its localisation moved it by 0.50 m")
+
+
+def test_a_new_map_under_a_continuing_localisation_is_a_problem_until_a_person_has_looked(rig):
+    r = rig(localisation_sigma_m=0.0).ready()
+    until(r.body.observe)
+    r.robot.robot.jump(3.0, 0.0)
+    assert r.reads().startswith("its localisation moved it by 3.0")
+    assert r.body.observe() is None
+    r.robot.robot.jump(-3.0, 0.0)
+    time.sleep(1.0)
+    assert r.body.problem, "it doesn't pass by itself"
+    r.body.place.set_frame(T_BUILDING_MAP)
+    until(lambda: not r.body.problem, timeout_s=WAIT_S)
+    until(r.body.observe, timeout_s=WAIT_S)
+
+
+def test_a_robot_that_dies_in_mid_goal_is_named_and_its_goal_given_up(rig, monkeypatch):
+    monkeypatch.setattr(waypoint_module, "_SILENT_S", 0.6)
+    monkeypatch.setattr(waypoint_module, "_GIVEN_UP_S", 2.0)
+    r = rig(max_speed_m_s=0.1).ready()
+    r.drive(2.5, 0.0)
+    until(lambda: r.robot.robot.speed_m_s > 0.05, timeout_s=WAIT_S)
+    r.die()
+    state, why = r.ended()
+    assert state == "failed"
+    assert why == "service /navigate_to_pose/_action/get_result was left without an answer: its node has gone"
+    assert "no odometry came for" in r.reads()
+    assert r.body.observe() is None
+
+
+def test_its_battery_is_known_as_soon_as_it_says(rig):
+    assert rig().ready().body.battery is None, "a topic that isn't in the robot file isn't listened to"
+    r = rig(file={"topics": {"battery": "battery_state"}}).ready()
+    assert 0.9 < until(lambda: r.body.battery, timeout_s=WAIT_S) <= 1.0
 
 
 def test_after_a_new_map_nothing_is_seen_until_its_place_is_known(rig):

@@ -1,0 +1,99 @@
+"""Keepout zones and passages: from the building file, which may change, and from what is said of doors and lifts."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Collection
+from pathlib import Path
+from typing import Literal
+
+from surveilnav.building_file import BuildingFile, BuildingFloor, load_building
+from surveilnav.bus import Node
+from surveilnav.contract import PASSAGE_STATE
+from surveilnav.errors import ConfigError
+from surveilnav.services.planner.core.motion.areas import Area
+from surveilnav.services.planner.pausing import Pause
+from surveilnav.storage import file_stamp
+
+PassageStateName = Literal["open", "closed", "unknown"]
+
+_LOOK_S = 1.0
+_MAX_AGE_S = PASSAGE_STATE.max_age_ms / 1000
+
+
+class BuildingAreas:
+    """The areas of each floor, as they are now. Safe to use from any thread but for ``refresh``.
+
+    Raises ConfigError: the file can't be used at the start. Later the zones that were read last stay, and the problem is named.
+    """
+
+    def __init__(self, node: Node, path: Path | None) -> None:
+        self._node, self._path = node, path
+        self._states = node.table(PASSAGE_STATE)
+        self._read_s, self._seen = time.monotonic(), file_stamp(path) if path else ()
+        self._building: BuildingFile | None = load_building(path) if path else None
+
+    def refresh(self) -> None:
+        """Reads the building file again if it has changed."""
+        now_s = time.monotonic()
+        if self._path is None or now_s - self._read_s < _LOOK_S:
+            return
+        self._read_s, seen = now_s, file_stamp(self._path)
+        if seen == self._seen:
+            return
+        self._seen = seen
+        try:
+            self._building = load_building(self._path)
+        except ConfigError as error:
+            self._node.log.error("building_file: the former keepout zones stay", error=str(error))
+            self._node.report_problem("building_file", f"the former keepout zones stay: {error}")
+            return
+        self._node.report_problem("building_file", "")
+        self._node.log.info("read the building file again", zones=sum(len(f.keepout) for f in self._floors().values()))
+
+    def on_floor(self, floor: str, vouched: Collection[str] = ()) -> tuple[Area, ...]:
+        """The areas of a floor. ``vouched``: passages that a person says can be passed although they are said to be closed."""
+        known = self._floors().get(floor)
+        if known is None:
+            return ()
+        zones = [Area(f"keepout zone {name!r}", "keepout", tuple(outline)) for name, outline in known.keepout.items()]
+        for name, passage in known.passages.items():
+            state = self.state_of(floor, name)
+            if state == "open" or (state == "closed" and name not in vouched):
+                zones.append(Area(f"{passage.kind} {name}", state, tuple(passage.outline_m), name))
+        return tuple(zones)
+
+    def state_of(self, floor: str, passage: str) -> PassageStateName:
+        """What was last said of a passage: "open" or "closed"; "unknown" if nothing was said lately."""
+        row = self._states.get(floor=floor, passage=passage)
+        if row is None or row.age_s > _MAX_AGE_S:
+            return "unknown"
+        state: PassageStateName = row.message.state
+        return state
+
+    def _floors(self) -> dict[str, BuildingFloor]:
+        return {} if self._building is None else self._building.floors
+
+
+class MissionAreas:
+    """The areas as one mission takes them. It knows which closed passages a person had it go on at."""
+
+    def __init__(self, areas: BuildingAreas) -> None:
+        self._areas = areas
+        self._vouched: set[tuple[str, str]] = set()
+        self._waits_for: set[tuple[str, str]] = set()
+
+    def on_floor(self, floor: str) -> tuple[Area, ...]:
+        """The areas of a floor. What a person said of a passage holds until it is said to be open."""
+        self._vouched = {v for v in self._vouched if self._areas.state_of(*v) != "open"}
+        self._waits_for = set()
+        return self._areas.on_floor(floor, {passage for there, passage in self._vouched if there == floor})
+
+    def wait(self, pause: Pause, reason: str, floor: str, passages: tuple[str, ...]) -> None:
+        """Pauses the mission until a passage isn't closed any more, or a person has it go on."""
+        pause.begin(reason, lambda: any(self._areas.state_of(floor, name) != "closed" for name in passages))
+        self._waits_for = {(floor, name) for name in passages}
+
+    def vouch(self) -> None:
+        """A person has the mission go on: the passages that it waits for can be passed."""
+        self._vouched |= self._waits_for

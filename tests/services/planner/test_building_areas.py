@@ -1,0 +1,171 @@
+"""The building file and what is said of doors, over real Zenoh: zones are read again, and missions wait at closed doors."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from surveilnav.bus import clock_ns
+from surveilnav.contract import PASSAGE_STATE
+from surveilnav.errors import ConfigError
+from surveilnav.messages import PassageState
+from surveilnav.services.planner.areas import BuildingAreas, MissionAreas
+from tests.services.planner.test_service import (  # noqa: F401
+    QUICK,
+    Fakes,
+    begin,
+    client,
+    end_of,
+    pause,
+    planner,
+    stands_still,
+    status_of,
+    submit,
+)
+from tests.waiting import until
+
+#: A room in two halves, joined by an opening of 1.25 m. The cameras have seen all of it.
+HALVES = """
+####################
+#        #         #
+#        #    CC   #
+#   R         CC   #
+#                  #
+#                  #
+#        #         #
+#        #         #
+####################
+"""
+BUILDING = """building: test
+floors:
+  floor-r1:
+    passages:
+      lobby: {kind: door, outline_m: [[2.2, 0.3], [2.6, 0.3], [2.6, 2.1], [2.2, 2.1]]}
+    keepout:
+      store: [[0.3, 0.3], [1.0, 0.3], [1.0, 0.6], [0.3, 0.6]]
+"""
+
+
+@pytest.fixture
+def file(tmp_path):
+    path = tmp_path / "building.yaml"
+    path.write_text(BUILDING)
+    return path
+
+
+@pytest.fixture
+def robot(make_node, world, thing):
+    make_node("perception", "p1")
+    known = {"label": "chair", "confidence": 0.9, "status": "confirmed"}
+    room = world(HALVES, {"C": thing("chair", looks_like="chair", known=known)}, yaw_rad=math.pi)
+    room.occupancy[room.solid] = 1
+    room.explored[20:-20, 20:-20] = 1
+    return Fakes(make_node, {"floor-r1": room})
+
+
+@pytest.fixture
+def door(make_node):
+    node = make_node("test", "door", alive=False)
+    publisher = node.publisher(PASSAGE_STATE, floor="floor-r1", passage="lobby")
+    return lambda state: publisher.put(PassageState(stamp_ns=clock_ns(), state=state))
+
+
+def waits(client, door):  # noqa: F811
+    """The mission's status once it waits at the closed door, which says again and again that it is closed."""
+
+    def waiting():
+        door("closed")
+        return status if (status := status_of(client)).state == "paused" else None
+
+    return until(waiting, lambda: status_of(client), 20.0)
+
+
+def begin_at_closed_door(planner, client, door, file):  # noqa: F811
+    service = planner(QUICK.model_copy(update={"building_file": file}))
+    until(lambda: door("closed") or service._missions._areas.state_of("floor-r1", "lobby") == "closed", lambda: "", 5.0)
+    submit(client)
+    return waits(client, door)
+
+
+def test_a_mission_waits_for_the_door_by_name_and_goes_on_by_itself(robot, planner, client, door, file):  # noqa: F811
+    status = begin_at_closed_door(planner, client, door, file)
+    assert status.message == "waits for door lobby, which is closed: chair 1 is behind it"
+    assert status.phase == "paused"
+    assert stands_still(robot)
+    door("open")
+    assert end_of(client).found
+    assert robot.world.x > 2.6
+
+
+def test_a_person_has_it_go_on_although_the_door_is_said_to_be_closed(robot, planner, client, door, file):  # noqa: F811
+    begin_at_closed_door(planner, client, door, file)
+    assert pause(client, paused=False).accepted
+    door("closed")
+    assert end_of(client).found
+
+
+def test_a_door_of_which_nothing_is_said_is_driven_through(robot, planner, client, file):  # noqa: F811
+    planner(QUICK.model_copy(update={"building_file": file}))
+    submit(client)
+    assert end_of(client).found
+
+
+def test_what_nobody_says_any_more_is_unknown(make_node, door, file, monkeypatch):
+    node = make_node("planner", "planner")
+    areas = BuildingAreas(node, file)
+    until(lambda: door("closed") or areas.state_of("floor-r1", "lobby") == "closed", lambda: "", 5.0)
+    assert [a.kind for a in areas.on_floor("floor-r1")] == ["keepout", "closed"]
+    monkeypatch.setattr("surveilnav.services.planner.areas._MAX_AGE_S", -1.0)
+    assert [a.kind for a in areas.on_floor("floor-r1")] == ["keepout"]
+    assert areas.on_floor("elsewhere") == ()
+
+
+def test_what_a_person_said_holds_until_the_door_opens(make_node, door, file):
+    areas = BuildingAreas(make_node("planner", "planner"), file)
+    mission = MissionAreas(areas)
+
+    def say(state):
+        until(lambda: door(state) or areas.state_of("floor-r1", "lobby") == state, lambda: "", 5.0)
+        return [a.kind for a in mission.on_floor("floor-r1")]
+
+    assert say("closed") == ["keepout", "closed"]
+    mission.vouch()
+    assert say("closed") == ["keepout", "closed"], "it didn't wait there"
+    mission.wait(FakePause(), "why", "floor-r1", ("lobby",))
+    mission.vouch()
+    assert say("closed") == ["keepout"]
+    assert say("open") == ["keepout", "open"]
+    assert say("closed") == ["keepout", "closed"]
+
+
+class FakePause:
+    def begin(self, reason, is_over):
+        assert not is_over()
+
+
+def test_a_changed_file_is_read_again_and_a_wrong_one_keeps_the_former_zones(make_node, file, monkeypatch):
+    monkeypatch.setattr("surveilnav.services.planner.areas._LOOK_S", 0.0)
+    node = make_node("planner", "planner")
+    areas = BuildingAreas(node, file)
+    assert [a.name for a in areas.on_floor("floor-r1")] == ["keepout zone 'store'"]
+    file.write_text(BUILDING.replace("store:", "server room:"))
+    areas.refresh()
+    assert [a.name for a in areas.on_floor("floor-r1")] == ["keepout zone 'server room'"]
+    for wrong in ("building: [", BUILDING.replace("[1.0, 0.6]", "[.nan, 0.6]")):
+        file.write_text(wrong)
+        areas.refresh()
+        assert [a.name for a in areas.on_floor("floor-r1")] == ["keepout zone 'server room'"]
+        assert "the former keepout zones stay" in node.traffic_report().problems["building_file"]
+    file.unlink()
+    areas.refresh()
+    assert [a.name for a in areas.on_floor("floor-r1")] == ["keepout zone 'server room'"]
+    file.write_text(BUILDING)
+    areas.refresh()
+    assert [a.name for a in areas.on_floor("floor-r1")] == ["keepout zone 'store'"]
+    assert not node.traffic_report().problems
+
+
+def test_without_a_file_that_can_be_read_the_planner_doesnt_start(make_node, tmp_path):
+    with pytest.raises(ConfigError, match="building file"):
+        BuildingAreas(make_node("planner", "planner"), tmp_path / "building.yaml")
