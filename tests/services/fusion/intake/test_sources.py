@@ -10,7 +10,7 @@ import structlog
 from surveilnav import contract
 from surveilnav.bus import Received, clock_ns
 from surveilnav.geometry import Pinhole, Pose
-from surveilnav.messages import CameraInfo, CameraViewInfo, FrameHeader
+from surveilnav.messages import CameraInfo, CameraViewInfo, FrameHeader, RobotDescription
 from surveilnav.messages.view import PayloadPart
 from surveilnav.services.fusion.building_maps import BuildingMaps
 from surveilnav.services.fusion.config import FusionSettings
@@ -89,7 +89,8 @@ class FakeNode:
 
     def robot(self, name: str, floor: str = "0") -> None:
         """It has said that it is on a floor."""
-        self.statuses.said[name] = SimpleNamespace(ids={"robot": name}, message=SimpleNamespace(floor=floor))
+        message = SimpleNamespace(floor=floor, description=RobotDescription())
+        self.statuses.said[name] = SimpleNamespace(ids={"robot": name}, message=message)
 
     def camera(self, name: str, views=(0,), z_m=1.8, floor="0") -> None:
         pose = Pose((0.0, 0.0, z_m), (0.0, 0.0, 0.0, 1.0))
