@@ -67,8 +67,8 @@ class Hardware:
             self._start("hardware-router", "surveilnav.bus.router", "--listen", self.ros_router)
             self._start("hardware-robot", f"{_PACKAGE}.ros2_robot")
             self._start("hardware-cameras", f"{_PACKAGE}.rtsp_cameras")
-            self._wait("hardware-robot", "ready")
-            self._wait("hardware-cameras", "ready")
+            self._wait("hardware-robot", "the robot is ready")
+            self._wait("hardware-cameras", "the cameras are ready")
         except BaseException:
             self._stop()
             raise

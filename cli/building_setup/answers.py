@@ -13,10 +13,9 @@ import yaml
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, TypeAdapter, ValidationError
 from pydantic.fields import FieldInfo
 
-from surveilnav.building_file import Finite
 from surveilnav.contract import ID_PATTERN
 from surveilnav.errors import ConfigError
-from surveilnav.robot_file import FrameEntry
+from surveilnav.robot_file import Finite, FrameEntry
 from surveilnav.yaml_file import compose, line_of, plain
 
 
@@ -176,7 +175,7 @@ def load_answers(path: Path) -> Answers:
     if not isinstance(root, yaml.MappingNode):
         raise ConfigError(f"{path}: expected a table that begins with `building:`; the file is empty or something else")
     try:
-        return Answers.model_validate(plain(root))
+        return Answers.model_validate(plain(root, as_text=True))  # passwords such as 0123 stay as they are
     except ValidationError as error:
         first = error.errors()[0]
         where = [part for part in first["loc"] if not str(part).startswith("function-")]

@@ -77,8 +77,13 @@ def _scalar(text: str) -> str:
     return written.removesuffix("\n").removesuffix("...").removesuffix("\n")
 
 
+def _number(value: float) -> str:
+    """A length or an angle to a tenth of a millimetre or of a thousandth degree."""
+    return f"{round(value, 4):.12g}"
+
+
 def _frame(frame: FrameEntry) -> str:
-    return f"{{x_m: {frame.x_m:g}, y_m: {frame.y_m:g}, yaw_deg: {frame.yaw_deg:g}}}"
+    return f"{{x_m: {_number(frame.x_m)}, y_m: {_number(frame.y_m)}, yaw_deg: {_number(frame.yaw_deg)}}}"
 
 
 def _building(answers: Answers, floors: Mapping[str, FloorFiles]) -> str:
@@ -107,7 +112,7 @@ def _building(answers: Answers, floors: Mapping[str, FloorFiles]) -> str:
 
 def _cameras(answers: Answers, sizes_px: Mapping[str, tuple[int, int]], secrets: dict[str, str]) -> str:
     lines = [f"# Its cameras. Passwords stand in {FILE_NAME}.", f"building: {_scalar(answers.building)}", "floors:"]
-    lines += [f"  {_scalar(name)}: {{z_m: {floor.z_m:g}}}" for name, floor in answers.floors.items()]
+    lines += [f"  {_scalar(name)}: {{z_m: {_number(floor.z_m)}}}" for name, floor in answers.floors.items()]
     lines.append("cameras:" if answers.cameras else "cameras: []")
     for camera in answers.cameras:
         size_px = camera.picture_px or sizes_px.get(camera.name, DEFAULT_PX)
@@ -127,11 +132,11 @@ def _camera(camera: CameraAnswers, floor_z_m: float, size_px: tuple[int, int], s
         how = "   # position and direction: by `surveilnav cameras calibrate`"
     else:
         x, y, z = camera.position_m
-        place = {"position_m": f"[{x:g}, {y:g}, {z:g}]"}
-        place |= {"yaw_deg": f"{camera.yaw_deg:g}", "pitch_deg": f"{camera.pitch_deg:g}"}
+        place = {"position_m": f"[{_number(x)}, {_number(y)}, {_number(z)}]"}
+        place |= {"yaw_deg": f"{_number(camera.yaw_deg)}", "pitch_deg": f"{_number(camera.pitch_deg)}"}
         how = ""
     default_deg = DEFAULT_FISHEYE_HFOV_DEG if camera.fisheye else DEFAULT_HFOV_DEG
-    lens = f"width_px: {size_px[0]}, height_px: {size_px[1]}, hfov_deg: {camera.hfov_deg or default_deg:g}"
+    lens = f"width_px: {size_px[0]}, height_px: {size_px[1]}, hfov_deg: {_number(camera.hfov_deg or default_deg)}"
     return [
         f"  - name: {_scalar(camera.name)}",
         *([f"    label: {_scalar(camera.label)}"] if camera.label else []),
@@ -166,7 +171,7 @@ def _robot(answers: Answers, name: str, robot: RobotAnswers, floors: Mapping[str
         *([f"namespace: {_scalar(robot.namespace)}"] if robot.namespace else []),
         f"drive: {'waypoints' if robot.nav2 else 'actions'}",
         f"floor: {_scalar(robot.floor)}",
-        f"floor_z_m: {answers.floors[robot.floor].z_m:g}",
+        f"floor_z_m: {_number(answers.floors[robot.floor].z_m)}",
         f"T_building_map: {_frame(frame)}" if frame else "# where its map lies: `surveilnav robots frame ... --write`",
     ]
     return "\n".join(lines) + "\n"

@@ -91,8 +91,8 @@ class MissionAreas:
 
     def wait(self, pause: Pause, reason: str, floor: str, passages: tuple[str, ...]) -> None:
         """Pauses the mission until a passage isn't closed any more, or a person has it go on."""
-        pause.begin(reason, lambda: any(self._areas.state_of(floor, name) != "closed" for name in passages))
-        self._waits_for = {(floor, name) for name in passages}
+        if pause.begin(reason, lambda: any(self._areas.state_of(floor, name) != "closed" for name in passages)):
+            self._waits_for = {(floor, name) for name in passages}
 
     def vouch(self) -> None:
         """A person has the mission go on: the passages that it waits for can be passed."""

@@ -5,8 +5,6 @@ Those of the core (``core/config.py``) are nested: ``SURVEILNAV_PLANNER__CORE__S
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
@@ -22,8 +20,8 @@ class PlannerSettings(BaseSettings):
     store: str = Field(
         default="", description="the SQLite file that missions are stored in; empty: they don't survive a restart"
     )
-    building_file: Path | None = Field(
-        default=None,
+    building_file: str = Field(
+        default="",
         description="the file of the building, `building.yaml`: its keepout zones, doors and lifts; changes are "
         "noticed",
     )

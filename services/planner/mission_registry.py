@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from pathlib import Path
 
 from surveilnav.bus import Node, bound_request_id
 from surveilnav.contract import MAP_REVISION, ROBOT_STATUS
@@ -27,7 +28,7 @@ class MissionRegistry:
         self._lost: set[str] = set()  # that ``end_lost`` has ended
         self._robots = node.table(ROBOT_STATUS)
         self._store = Store(settings.store, node)
-        self._areas = BuildingAreas(node, settings.building_file)
+        self._areas = BuildingAreas(node, Path(settings.building_file) if settings.building_file else None)
         self._context = MissionContext(
             node, settings, node.table(MAP_REVISION), Summaries(node), self._store, self._areas
         )

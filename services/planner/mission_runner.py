@@ -169,8 +169,8 @@ class MissionRunner:
 
     def resume(self) -> None:
         """Resumes a paused mission; of a closed passage that it waits for, that says that it can be passed."""
-        self._areas.vouch()
-        self._pause.end()
+        if self._pause.end():  # it waited for a passage, and for nothing else
+            self._areas.vouch()
         self._save_or_warn()
 
     def wait_until(self, *, paused: bool, at_most_s: float) -> None:

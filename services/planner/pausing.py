@@ -23,18 +23,28 @@ class Pause:
     def __init__(self, reason: str | None) -> None:
         self.reason = reason
         self._is_over: Callable[[], bool] | None = None
-        self._ended = threading.Event()
+        self._ended, self._lock = threading.Event(), threading.Lock()
 
-    def begin(self, reason: str, is_over: Callable[[], bool] | None = None) -> None:
-        """Pauses the mission as soon as its current action is done. ``is_over`` says when the pause ends by itself."""
-        self._ended.clear()
-        self._is_over = is_over
-        self.reason = reason or "paused"
+    def begin(self, reason: str, is_over: Callable[[], bool] | None = None) -> bool:
+        """Pauses the mission as soon as its current action is done. ``is_over`` says when the pause ends by itself.
 
-    def end(self) -> None:
-        """Resumes the mission."""
-        self.reason, self._is_over = None, None
-        self._ended.set()
+        Such a pause never takes the place of one that only a person ends. Returns whether it began.
+        """
+        with self._lock:
+            if is_over is not None and self.reason is not None and self._is_over is None:
+                return False
+            self._ended.clear()
+            self._is_over = is_over
+            self.reason = reason or "paused"
+            return True
+
+    def end(self) -> bool:
+        """Resumes the mission. Returns whether the pause would have ended by itself."""
+        with self._lock:
+            ended_itself = self._is_over is not None
+            self.reason, self._is_over = None, None
+            self._ended.set()
+            return ended_itself
 
     @property
     def stored_reason(self) -> str | None:
@@ -48,7 +58,10 @@ class Pause:
         """Waits until the pause ends, for at most ``at_most_s``."""
         is_over = self._is_over
         if is_over is not None and is_over():
-            self.end()
+            with self._lock:
+                if self._is_over is is_over:  # no other pause has begun meanwhile
+                    self.reason, self._is_over = None, None
+                    self._ended.set()
         self._ended.wait(at_most_s)
 
 

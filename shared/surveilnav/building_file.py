@@ -18,10 +18,13 @@ from surveilnav.geometry.polygon import MAX_CORNERS, polygon_fault
 from surveilnav.robot_file import FrameEntry
 from surveilnav.yaml_file import compose, line_of, plain
 
+#: No building reaches farther from its origin.
+_MAX_M = 1e5
 
-def _finite(value: float) -> float:
-    if not math.isfinite(value):
-        raise ValueError("expected a finite number")
+
+def _in_reach(value: float) -> float:
+    if not math.isfinite(value) or abs(value) > _MAX_M:
+        raise ValueError(f"expected a finite number of at most {_MAX_M:g} metres")
     return value
 
 
@@ -31,8 +34,8 @@ def _polygon(corners: list[tuple[float, float]]) -> list[tuple[float, float]]:
     return corners
 
 
-Finite = Annotated[float, AfterValidator(_finite)]
-Outline = Annotated[list[tuple[Finite, Finite]], Field(min_length=3, max_length=MAX_CORNERS), AfterValidator(_polygon)]
+Metres = Annotated[float, AfterValidator(_in_reach)]
+Outline = Annotated[list[tuple[Metres, Metres]], Field(min_length=3, max_length=MAX_CORNERS), AfterValidator(_polygon)]
 _Label = Annotated[str, Field(min_length=1, max_length=100)]
 _Id = Annotated[str, Field(pattern=ID_PATTERN)]
 

@@ -70,8 +70,8 @@ def _check(path: Path, what: str, root: yaml.Node) -> None:
             waiting += [(child, depth + 1) for child in node.value]
 
 
-def plain(node: yaml.Node) -> Any:
-    """The value of a node.
+def plain(node: yaml.Node, *, as_text: bool = False) -> Any:
+    """The value of a node. ``as_text``: numbers, dates and the like stay the text that was written, such as 0123.
 
     Raises:
         ValueError: it has a key twice, or a value that its tag doesn't allow.
@@ -81,10 +81,12 @@ def plain(node: yaml.Node) -> Any:
         for key, child in node.value:
             if key.value in value:
                 raise ValueError(f"line {key.start_mark.line + 1}: {key.value!r} stands there twice")
-            value[key.value] = plain(child)
+            value[key.value] = plain(child, as_text=as_text)
         return value
     if isinstance(node, yaml.SequenceNode):
-        return [plain(child) for child in node.value]
+        return [plain(child, as_text=as_text) for child in node.value]
+    if as_text and node.tag != "tag:yaml.org,2002:null":
+        return node.value
     try:
         return yaml.SafeLoader("").construct_object(node)
     except (yaml.YAMLError, ValueError) as error:  # such as 2026-02-30

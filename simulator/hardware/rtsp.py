@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import struct
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from urllib.parse import urlsplit
 
@@ -95,9 +95,10 @@ class RtspServer:
     def __init__(self, streams: Mapping[str, Sequence[JpegScan]], fps: float) -> None:
         self._streams, self._fps = dict(streams), fps
 
-    async def run(self, host: str, port: int) -> None:
-        """Answers readers."""
+    async def run(self, host: str, port: int, on_listening: Callable[[], None] = lambda: None) -> None:
+        """Answers readers. ``on_listening`` is called once they can come."""
         async with await asyncio.start_server(self._serve, host, port, limit=_MAX_REQUEST_BYTES) as server:
+            on_listening()
             await server.serve_forever()
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:

@@ -22,9 +22,12 @@ def main() -> None:
     for number, camera in enumerate(building.plan.cameras):
         pictures = fisheye.jpegs(fisheye.render(building, camera), _PICTURES, seed=number)
         streams[camera.name] = [JpegScan.from_jpeg(jpeg) for jpeg in pictures]
-    print(f"the cameras are ready: {', '.join(streams) or 'none'}", flush=True)
+
+    def say_ready() -> None:
+        print(f"the cameras are ready: {', '.join(streams) or 'none'}", flush=True)
+
     try:
-        asyncio.run(RtspServer(streams, settings.fps).run(settings.host, settings.port))
+        asyncio.run(RtspServer(streams, settings.fps).run(settings.host, settings.port, say_ready))
     except OSError as error:
         raise SurveilNavError(
             f"cameras can't listen at {settings.host}:{settings.port}: {error.strerror}. "

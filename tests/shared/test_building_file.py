@@ -44,6 +44,7 @@ def test_a_name_is_enough(tmp_path: Path) -> None:
     [
         (("building: headquarters\n", ""), "building: Field required"),
         (("[3, 2.5], ", "[.nan, 2.5], "), "line 10: floors.ground.keepout.server room.2.0: .*finite"),
+        (("[3, 2.5], ", "[3, 6e5], "), "line 10: .*at most 100000 metres"),
         (("[[5, 0], [6, 0], [6, 1]]", "[[5, 0], [6, 0]]"), "line 12: .*at least 3"),
         (("    T_building_map: {x_m: 12.4, y_m: 3.1, yaw_deg: 91.5}\n", ""), "line 5: .*needs T_building_map"),
         (("r1: robots", "r/1: robots"), "line 3: robots"),

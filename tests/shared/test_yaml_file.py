@@ -47,3 +47,8 @@ def test_a_date_that_doesnt_exist_is_named_with_its_line(tmp_path: Path) -> None
     text = "building: 2026-02-30\nfloors: {a: {z_m: 0}}\ncameras: []\n"
     with pytest.raises(ConfigError, match="building: line 1: day is out of range"):
         load_cameras(tmp_path / "cameras.yaml", text)
+
+
+def test_as_text_nothing_is_read_as_a_number(tmp_path):
+    root = compose(tmp_path / "f.yaml", "file", "a: 0123\nb: [12:34, 1_000, ~]\nc: {d: yes}\n")
+    assert plain(root, as_text=True) == {"a": "0123", "b": ["12:34", "1_000", None], "c": {"d": "yes"}}

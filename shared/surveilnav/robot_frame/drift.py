@@ -57,7 +57,7 @@ class DriftMonitor:
             p_robot: (2,) where the robot says that it stands [m, building].
         """
         for camera, correction in said.items():
-            self.forget(camera)
+            self._drop(camera)
             if correction is None:
                 self.agreeing.add(camera)
             else:
@@ -81,7 +81,13 @@ class DriftMonitor:
         return not any(name != camera and _is_same(own, T, p_robot) for name, T in self.corrections.items())
 
     def forget(self, camera: str) -> None:
-        """Forgets what a camera has said."""
+        """Forgets what a camera has said, for good. A frame that fewer than two cameras still call wrong isn't known to be."""
+        self._drop(camera)
+        self.witnesses = tuple(name for name in self.witnesses if name != camera)
+        if len(self.witnesses) < 2:
+            self.correction, self.witnesses, self._n_agreeing = None, (), 0
+
+    def _drop(self, camera: str) -> None:
         self.agreeing.discard(camera)
         self.corrections.pop(camera, None)
 

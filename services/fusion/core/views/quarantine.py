@@ -233,10 +233,10 @@ class Quarantine:
         return {source: camera.correction for source, camera in self._cameras.items() if camera.correction}
 
     def forget(self, source: str) -> None:
-        """Forgets what a camera's views have shown, so that it is believed until they show it again."""
+        """Forgets what the views of a camera or robot have shown, so that it is believed until they show it again."""
         self._cameras.pop(source, None)
         self._excused.pop(source, None)
-        self.frames.forget_camera(source)
+        self.frames.forget(source)
 
     def state_of(self, source: str) -> dict[str, Any] | None:
         """What is known of a camera, for ``adopt``; None if nothing is."""

@@ -30,6 +30,8 @@ _MAX_KEPT, _MIN_KEPT, _STEP_M, _STEP_RAD = 12, 4, 0.2, math.radians(15.0)
 _SAMPLES, _MAX_OF_VIEW, _MIN_RANGE_M, _MAX_RANGE_M = 40, 200, 0.05, 5.0
 #: Points are compared with a camera that has measured something so near, if so many are. At most so many cameras are asked.
 _NEAR_M, _MIN_NEAR, _MAX_ASKED = 0.6, 300, 4
+#: Twelve views that follow each other don't reach farther than this, or the robot isn't believed to have seen them.
+_MAX_SEEN_M = 100.0
 #: Unclear corrections of several cameras count if they are this similar, and not larger than this.
 _COINCIDE_M, _COINCIDE_RAD, _MAX_UNCLEAR_M = 0.2, math.radians(2.5), 0.9
 #: What one camera says is put to so many others. They answer if points fit so well, and so many times as well as otherwise.
@@ -248,8 +250,9 @@ class RobotFrames:
                 return camera
         return ""
 
-    def forget_camera(self, source: str) -> None:
-        """Forgets what a camera has said, since it is another one now."""
+    def forget(self, source: str) -> None:
+        """Forgets what a camera has said, since it is another one now, or all that is known of a robot."""
+        self._robots.pop(source, None)
         self._waiting.pop(source, None)
         for robot in self._robots.values():
             robot.monitor.forget(source)
@@ -283,9 +286,13 @@ def _sampled_cm(view: PosedView) -> NDArray[np.int32]:
 
 def _is_near(points: _Points, others: _Points) -> NDArray[np.bool_]:
     """Which of the points (N, 3) lie in the plane within ``_NEAR_M`` of others (M, 3)."""
-    if not len(points) or not len(others):
+    if not len(points):
+        return np.zeros(0, np.bool_)
+    low, high = points[:, :2].min(axis=0) - 2 * _NEAR_M, points[:, :2].max(axis=0) + 2 * _NEAR_M
+    # a robot may say that it is anywhere: the grid is no larger than what it has seen
+    others = others[((others[:, :2] >= low + _NEAR_M) & (others[:, :2] <= high - _NEAR_M)).all(axis=1)]
+    if not len(others) or (high - low).max() > _MAX_SEEN_M:
         return np.zeros(len(points), np.bool_)
-    low = np.minimum(points[:, :2].min(axis=0), others[:, :2].min(axis=0)) - _NEAR_M
     cells, of_others = (np.floor((p[:, :2] - low) / _NEAR_M).astype(np.int64) for p in (points, others))
     shape = np.maximum(cells.max(axis=0), of_others.max(axis=0)) + 2
     there = np.zeros(shape, np.bool_)

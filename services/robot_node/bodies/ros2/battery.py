@@ -14,13 +14,15 @@ class Battery:
     """The newest sensor_msgs/BatteryState that says something."""
 
     def __init__(self) -> None:
-        self._share, self._told_s = 0.0, -math.inf
+        self._share, self._told_s, self._is_percent = 0.0, -math.inf, False
 
     def add(self, message: Any) -> None:
-        """Some drivers give percent instead of the 0 to 1 that the message's definition asks for. Anything else, NaN among it,
-        says nothing."""
+        """Takes a message. Some drivers give percent instead of the 0 to 1 that its definition asks for; one that did so once
+        always does. Anything else, NaN among it, says nothing.
+        """
         share = float(message.percentage)
-        if 1.0 < share <= 100.0:
+        self._is_percent |= 1.0 < share <= 100.0
+        if self._is_percent:
             share /= 100.0
         if 0.0 <= share <= 1.0:
             self._share, self._told_s = share, time.monotonic()

@@ -23,6 +23,13 @@ def test_only_a_share_or_a_percentage_counts(percentage, share):
     assert told.share == (pytest.approx(share) if share is not None else None)
 
 
+def test_a_driver_that_says_percent_once_says_percent_when_it_is_empty():
+    told = Battery()
+    for percentage in (57.0, 1.0):
+        told.add(SimpleNamespace(percentage=percentage))
+    assert told.share == pytest.approx(0.01)
+
+
 def test_what_was_said_long_ago_is_forgotten(monkeypatch):
     told = Battery()
     told.add(SimpleNamespace(percentage=0.5))
