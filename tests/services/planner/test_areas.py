@@ -67,7 +67,7 @@ class Nav2:
             world.x, world.y = float(x), float(y)
             world.look()
             world.trace.append((world.x, world.y))
-        reached = math.dist((pose.x_m, pose.y_m), (world.x, world.y)) <= 0.15
+        reached = math.dist((pose.x_m, pose.y_m), (world.x, world.y)) <= 0.25
         world.yaw = pose.yaw_rad if reached else world.yaw
         self.status = WaypointStatus(id=pose.id, state="reached" if reached else "driving")
         world.look()

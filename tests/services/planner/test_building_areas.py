@@ -142,6 +142,7 @@ def test_what_a_person_said_holds_until_the_door_opens(make_node, door, file):
 class FakePause:
     def begin(self, reason, is_over):
         assert not is_over()
+        return True
 
 
 def test_a_changed_file_is_read_again_and_a_wrong_one_keeps_the_former_zones(make_node, file, monkeypatch):

@@ -105,3 +105,14 @@ def test_from_its_state_it_goes_on():
 )
 def test_what_is_more_than_noise(correction, large):
     assert is_large(correction, (0.0, 0.0)) == large
+
+
+def test_a_frame_that_one_camera_alone_still_calls_wrong_isnt_known_to_be():
+    monitor = DriftMonitor()
+    wrong = PlanarTransform(0.5, 0.0, 0.0)
+    monitor.record({"a": wrong, "b": wrong}, (0.0, 0.0))
+    assert monitor.witnesses == ("a", "b")
+    monitor.record({"a": wrong}, (0.0, 0.0))  # another word of the same camera forgets nothing
+    assert monitor.correction is not None
+    monitor.forget("b")  # it is described anew
+    assert (monitor.correction, monitor.witnesses) == (None, ())

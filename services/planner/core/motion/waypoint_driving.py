@@ -62,8 +62,10 @@ def before_barred(
         return path
     points = terrain.grid.cells_of(np.array(path))
     clear = lines_are_clear(barred.near | terrain.occupied, points, np.full(points.shape, here), _OUT_OF_RIM_M / r)
-    clear &= np.linalg.norm(np.array(path) - path[0], axis=1) <= _PIECE_M
-    last = max(1, int(np.flatnonzero(clear).max(initial=1)))
+    within = np.linalg.norm(np.array(path) - path[0], axis=1) <= _PIECE_M
+    # inside an area no line is clear, and a piece that is too short counts as reached before the robot has moved
+    usable = within if terrain.must_leave else within & clear
+    last = max(1, int(np.flatnonzero(usable).max(initial=1)))
     return path[: last + 1]
 
 

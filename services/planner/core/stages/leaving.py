@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from surveilnav.robot_body import clearance_m
 from surveilnav.services.planner.core.context import StepContext
 from surveilnav.services.planner.core.decision import Decision
 
@@ -19,9 +20,11 @@ def leave_area(context: StepContext) -> Decision | None:
     r = 2 * terrain.grid.resolution_m
     places = ((robot.x_m + dx, robot.y_m + dy) for dx in (0.0, -r, r) for dy in (0.0, -r, r))
     name = next((name for place in places if (name := context.area_at(*place))), "a place where no robot is sent")
-    context.state.reset_stuck_timer()
     reachable = np.isfinite(context.travel_time_m)
-    for goals in (reachable & terrain.known, reachable):
+    beyond = reachable & terrain.known
+    if terrain.barred is not None:  # a robot counts as arrived before it is there
+        beyond &= clearance_m(terrain.barred.near, terrain.grid.resolution_m) > 2 * context.config.waypoint_tolerance_m
+    for goals in (beyond, reachable & terrain.known, reachable):
         route = context.planner.route(terrain, goals, robot, context.config) if goals.any() else None
         if route is not None:
             return context.decide(route.action, "exploring", f"leaving {name}", route=route)

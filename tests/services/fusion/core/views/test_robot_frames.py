@@ -151,3 +151,26 @@ def test_what_a_camera_said_is_forgotten_when_it_is_described_anew(cameras, walk
     frames._robots["robot/r"].monitor.corrections = {"camera/a": OFF, "camera/b": OFF}
     accept(joint, [replace(elsewhere(cameras["camera/a"][0], OFF), seq=1)], 500)
     assert list(frames._robots["robot/r"].monitor.corrections) == ["camera/b"]
+
+
+def named(cameras, walk):
+    """Maps with a robot that is known to be off."""
+    joint = mapped(cameras, *PLACES)
+    accept(joint, [elsewhere(view, OFF) for view in walk])
+    assert list(joint.quarantine.frames.problems()) == ["robot/r"]
+    return joint
+
+
+def test_a_robot_that_says_that_it_is_far_away_costs_nothing(cameras, walk):
+    """The grid on which it is compared is as large as what it has seen, and not as its distance from the cameras."""
+    joint = named(cameras, walk)
+    far = PlanarTransform(-1e6, 1e6, 0.0)
+    views = [replace(elsewhere(view, far), seq=view.seq - 1) for view in walk]
+    assert set(accept(joint, views, 1000)) <= {"frame_disagrees", "out_of_map"}
+
+
+def test_of_a_robot_that_was_taken_out_of_the_maps_nothing_stays_known(cameras, walk):
+    joint = named(cameras, walk)
+    joint.quarantine.forget("robot/r")
+    assert joint.quarantine.frames.problems() == {}
+    assert accept(joint, walk[:2], 2000) == ["", ""]
