@@ -5,7 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Literal
 
-from pydantic import Field, PrivateAttr
+from pydantic import (
+    Field,
+    ModelWrapValidatorHandler,
+    PrivateAttr,
+    SerializerFunctionWrapHandler,
+    model_serializer,
+    model_validator,
+)
 
 from surveilnav import robot_body
 from surveilnav.services.fusion.core.config_part import ConfigPart
@@ -139,6 +146,24 @@ class MapConfig(ConfigPart):
     frontier_hole_m2: float = Field(
         default=0.5, ge=0, description="unexplored islands smaller than this make no frontier (VLFM: 1.5)"
     )
+
+    @model_serializer(mode="wrap")
+    def _with_priors_written(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """A recording's settings hold what was known before, so that the same maps come of it wherever it is played."""
+        out: dict[str, Any] = handler(self)
+        return (
+            out | {"priors": {floor: prior.to_text() for floor, prior in self._priors.items()}} if self._priors else out
+        )
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _with_priors_read(cls, value: Any, handler: ModelWrapValidatorHandler[MapConfig]) -> MapConfig:
+        if not isinstance(value, dict) or "priors" not in value:
+            return handler(value)
+        if not isinstance(value["priors"], dict):
+            raise ValueError("expected a map for each floor that was known before")
+        priors = {str(floor): PriorMap.from_text(text) for floor, text in value["priors"].items()}
+        return handler({name: v for name, v in value.items() if name != "priors"}).with_priors(priors)
 
     def with_priors(self, priors: Mapping[str, PriorMap]) -> MapConfig:
         """A copy by which new floors begin with what is known of them, by their names."""

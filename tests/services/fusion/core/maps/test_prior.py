@@ -17,7 +17,7 @@ from surveilnav.services.fusion.config import FusionSettings
 from surveilnav.services.fusion.core import FusionConfig, JointMap
 from surveilnav.services.fusion.core.maps.prior import PriorMap
 from surveilnav.services.fusion.core.removal import Contribution, without
-from surveilnav.services.fusion.core.snapshot import dump, load
+from surveilnav.services.fusion.core.snapshot import digest, dump, freeze, load
 from surveilnav.services.fusion.core.views.validation import ViewError
 
 #: The room of ``tests.world.World``, 6 x 4 m, and a wing of 4 m beside it that nobody sees; a wall that isn't there any more.
@@ -155,3 +155,26 @@ def test_mistakes_are_named(tmp_path, change, named):
     settings = FusionSettings(building_file=written(tmp_path, **change), map={"max_extent_m": 15.0})
     with pytest.raises(ConfigError, match=named or "at most 15 m"):
         settings.core()
+
+
+def test_from_a_recordings_settings_the_same_maps_come(world):
+    """A recording holds the settings as text, and with them what was known before."""
+    prior = PriorMap(nav2_map(), PlanarTransform(15.0, -0.03, 0.1))  # so far that the maps grow
+    written_config = with_prior(prior).model_dump_json()
+    again = FusionConfig.model_validate_json(written_config)
+    assert again.model_dump_json() == written_config
+    digests = []
+    for config in (with_prior(prior), again, FusionConfig()):
+        joint = JointMap(config)
+        integrate(joint, world)
+        digests.append(digest(freeze(joint)))
+    assert digests[0] == digests[1] != digests[2]
+    assert "priors" not in FusionConfig().model_dump_json()
+
+
+@pytest.mark.parametrize("text", ["", "?", "AAAA", 5, None, "KLUv/QBYEQAAkpABAg=="])
+def test_settings_with_a_map_that_cant_be_read_are_refused(text):
+    with pytest.raises(ValueError, match="a map from before can't be read"):
+        PriorMap.from_text(text)
+    with pytest.raises(ValueError):
+        FusionConfig.model_validate({"map": {"priors": {"0": text}}})
