@@ -74,7 +74,8 @@ def by_map(robot: RobotFile, map_file: Path, building: Path | None, url: str) ->
     with gateway(url) as asked:
         place = asked.layer(robot.floor, "occupancy")
         occupancy, explored = (asked.layer_array(robot.floor, name) for name in ("occupancy", "explored"))
-    if occupancy.shape != explored.shape:
+        after = asked.layer(robot.floor, "explored")
+    if place.T_world_cell != after.T_world_cell or not occupancy.shape == explored.shape == (after.rows, after.cols):
         raise ConfigError("the joint map grew while it was read: try again")
     x0, y0 = (float(place.T_world_cell[row][2]) - place.resolution_m / 2 for row in (0, 1))
     return match_maps(own, Grid(x0, y0, place.resolution_m, *occupancy.shape), occupancy, explored)

@@ -75,8 +75,8 @@ def play(building: str, seed: int, target: str, wiring: str, data: Path, cameras
     if wiring == "simulated":
         row = live.play(live.Search(building, seed, target, "on"), "compact", data / "runs")
         return row | key
-    home = SimulatedBuilding(SimulationSettings(building=building, seed=seed))
     try:
+        home = SimulatedBuilding(SimulationSettings(building=building, seed=seed))
         goals = find_goals(home.scene, home.navigation, target, caster=home.caster)
         start = sample_start(home.scene, home.navigation, goals, seed=seed, caster=home.caster)
         folder = data / "as-real" / f"{building}-{seed}-{target}".replace(" ", "_")
@@ -113,7 +113,11 @@ def running(
                 yield client, bus
         finally:
             process.send_signal(signal.SIGINT)
-            process.wait(60.0)
+            try:
+                process.wait(60.0)
+            except subprocess.TimeoutExpired:  # its services end with it
+                process.kill()
+                process.wait()
 
 
 def _wait_ready(client: Client, process: subprocess.Popen[bytes], folder: Path) -> None:

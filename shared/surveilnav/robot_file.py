@@ -34,8 +34,10 @@ class _Entry(BaseModel):
 class FrameEntry(_Entry):
     """Where the robot's map lies in the building."""
 
-    x_m: Finite = Field(description="the origin of the robot's map in the building's frame")
-    y_m: Finite = Field(description="... and its y")
+    x_m: Annotated[Finite, Field(ge=-1e5, le=1e5)] = Field(
+        description="the origin of the robot's map in the building's frame"
+    )
+    y_m: Annotated[Finite, Field(ge=-1e5, le=1e5)] = Field(description="... and its y")
     yaw_deg: Finite = Field(description="direction of the map's x axis in the building's frame, anticlockwise")
 
     def transform(self) -> PlanarTransform:

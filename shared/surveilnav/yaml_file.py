@@ -42,7 +42,7 @@ def compose(path: Path, what: str, text: str | None = None) -> yaml.Node | None:
                 raise ConfigError(f"{path}: a {what} has at most {_MAX_BYTES >> 20} MiB")
             text = path.read_text(encoding="utf-8")
         root: yaml.Node | None = yaml.compose(text, ShallowLoader)
-    except (OSError, UnicodeDecodeError) as error:
+    except (OSError, ValueError) as error:  # not UTF-8, or no path that a system has
         raise ConfigError(f"the {what} can't be read: {error}") from error
     except (yaml.YAMLError, RecursionError) as error:
         mark = getattr(error, "problem_mark", None)

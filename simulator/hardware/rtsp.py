@@ -14,6 +14,8 @@ from dataclasses import dataclass
 from urllib.parse import urlsplit
 
 _CLOCK_HZ, _JPEG = 90_000, 26
+#: Of the standard's four Huffman tables. Tables that are fitted to a picture are shorter.
+_STANDARD_HUFFMAN_BYTES = 2 * (29 + 179)
 _MAX_PAYLOAD, _MAX_REQUEST_BYTES, _MAX_SIDE_PX = 1400, 8192, 2040
 _SDP = "v=0\r\no=- 1 1 IN IP4 0.0.0.0\r\ns={name}\r\nt=0 0\r\nm=video 0 RTP/AVP 26\r\nc=IN IP4 0.0.0.0\r\na=control:video\r\n"
 
@@ -42,19 +44,31 @@ class JpegScan:
             ValueError: it isn't of the kind that RFC 2435 can send: baseline, with the standard's Huffman tables.
         """
         tables: dict[int, bytes] = {}
-        kind, size = None, (0, 0)
+        kind, size, huffman = None, (0, 0), 0
         for marker, at, content in _segments(jpeg):
             if marker == 0xDB:
                 while content:
                     tables[content[0]], content = content[1:65], content[65:]
-            elif marker == 0xC0:
+            elif marker == 0xC4:
+                huffman += len(content)
+            elif marker == 0xC0 and len(content) >= 8:
                 height, width = struct.unpack(">HH", content[1:5])
                 kind, size = {0x21: 0, 0x22: 1}.get(content[7]), (width, height)
             elif marker == 0xDA:
-                if kind is None or sorted(tables) != [0, 1] or max(size) > _MAX_SIDE_PX or size[0] % 8 or size[1] % 8:
+                if (
+                    kind is None
+                    or huffman != _STANDARD_HUFFMAN_BYTES
+                    or sorted(tables) != [0, 1]
+                    or max(size) > _MAX_SIDE_PX
+                    or size[0] % 8
+                    or size[1] % 8
+                ):
                     break
                 return cls(kind, *size, tables[0] + tables[1], jpeg[at : jpeg.rindex(b"\xff\xd9")])
-        raise ValueError("expected a baseline JPEG of 4:2:2 or 4:2:0, of at most 2040 pixels a side in steps of 8")
+        raise ValueError(
+            "expected a baseline JPEG of 4:2:2 or 4:2:0 with the standard's Huffman tables, of at most 2040 pixels a side in "
+            "steps of 8"
+        )
 
 
 def _segments(jpeg: bytes) -> Iterator[tuple[int, int, bytes]]:

@@ -106,6 +106,8 @@ def test_packets_are_as_the_rfc_has_them() -> None:
         b"\xff\xd8\xff\xd9",
         jpeg(320, 240, cv2.IMWRITE_JPEG_PROGRESSIVE, 1),
         jpeg(320, 240, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444),
+        jpeg(320, 240, cv2.IMWRITE_JPEG_OPTIMIZE, 1),
+        jpeg(320, 240)[:200],
         jpeg(2048, 240),
         jpeg(324, 240),
     ],

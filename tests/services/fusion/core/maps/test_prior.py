@@ -178,3 +178,11 @@ def test_settings_with_a_map_that_cant_be_read_are_refused(text):
         PriorMap.from_text(text)
     with pytest.raises(ValueError):
         FusionConfig.model_validate({"map": {"priors": {"0": text}}})
+
+
+def test_a_replays_fusion_has_it_too(tmp_path):
+    """It gets its settings from the recording's, as `cli.replay.maps` makes them."""
+    settings = FusionSettings(store=str(tmp_path / "s"), map=with_prior().map.model_dump())
+    prior = settings.core().map.prior_of("0")
+    assert prior is not None
+    np.testing.assert_array_equal(prior.nav2_map.cells, nav2_map().cells)
