@@ -87,6 +87,7 @@ def test_a_full_disk_is_named_harms_no_mission_and_heals(disk, system, tmp_path,
     expected = {"fusion store", "recorder recordings", "gateway access log", "planner store"}
 
     def all_named() -> bool:
+        disk.fill()  # again: what a store has freed meanwhile would be room for somebody else
         look()
         with suppress(GatewayError):
             client.submit("bed", queue=True)  # refused while the planner can't write it
