@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import itertools
+import mmap
 import shutil
 import subprocess
 from collections.abc import Iterator
@@ -53,6 +54,13 @@ class Disk:
         self._mount("umount", "--lazy")
 
 
+def use_up_pages(folder: Path) -> None:
+    """Has each file end with a page of the disk, so that one more line in it needs a new page. Empty lines are passed over."""
+    for path in folder.iterdir():
+        with path.open("ab") as file:
+            file.write(b"\n" * (-path.stat().st_size % mmap.PAGESIZE))
+
+
 @pytest.fixture
 def disk(tmp_path: Path) -> Iterator[Disk]:
     try:
@@ -87,11 +95,14 @@ def test_a_full_disk_is_named_harms_no_mission_and_heals(disk, system, tmp_path,
             client.picture(camera, next(views) % 13)
 
     assert problems() == {}
+    look()
+    until(lambda: any((disk.folder / "looks").iterdir()))
     disk.fill()
     expected = {"fusion store", "recorder recordings", "gateway access log", "planner store"}
 
     def all_named() -> bool:
         disk.fill()  # again: what a store has freed meanwhile would be room for somebody else
+        use_up_pages(disk.folder / "looks")
         look()
         with suppress(GatewayError):
             client.submit("bed", queue=True)  # refused while the planner can't write it
