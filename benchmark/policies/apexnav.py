@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,13 +21,14 @@ from surveilnav.benchmark.policies.mission import MissionPolicy
 from surveilnav.benchmark.policies.policy import Policy
 from surveilnav.services.fusion.core import FusionConfig
 from surveilnav.services.planner.core import PlannerConfig
-from surveilnav.services.planner.core.context import FrontierChoice, StepContext
-from surveilnav.services.planner.core.goals.frontier_choice import current_frontier
+from surveilnav.services.planner.core.context import RatedFrontier, StepContext
+from surveilnav.services.planner.core.goals.frontier_access import current_frontier
 from surveilnav.services.planner.core.goals.frontiers import Frontier, rank
 from surveilnav.services.planner.core.motion.terrain import coarse_travel_time_m
+from surveilnav.services.planner.core.options.frontiers import only
 
 #: No object is promising before it is confirmed: suspected ones come after the frontiers.
-CONFIG = PlannerConfig(verification="paper", objects_first=True, promising_chance=None)
+CONFIG = PlannerConfig(verification="paper", choice="paper", promising_chance=None)
 
 _NEAR_THE_BEST = 0.95
 #: The nearest frontier is left for one that is nearer by this.
@@ -36,20 +37,20 @@ _MARGIN_M = 1.0
 _MAX_TOUR = 6
 
 
-def choose(context: StepContext, frontiers: Callable[[], list[Frontier]]) -> FrontierChoice | None:
-    found, config = frontiers(), context.config
+def rate(context: StepContext, found: Sequence[Frontier]) -> list[RatedFrontier]:
+    config = context.config
     if not found:
-        return None
+        return []
     ranked, exploit = rank(found, context.maps, context.state.target, config)
     if exploit:
         good = good_ones(ranked, config)
         first = first_of_tour(good, _ways(context, good))
-        return FrontierChoice(good, first, f"first of a tour over {len(good)} by value")
+        return only(context, first, good, f"first of a tour over {len(good)} by value")
     nearest = min(ranked, key=lambda f: f.travel_time_m)
     current = current_frontier(context, ranked, 1.5 * config.same_place_m)
     if current is not None and current.travel_time_m <= nearest.travel_time_m + _MARGIN_M:
         nearest = current
-    return FrontierChoice(ranked, nearest, "nearest")
+    return only(context, nearest, ranked, "nearest")
 
 
 def good_ones(frontiers: Sequence[Frontier], config: PlannerConfig) -> list[Frontier]:
@@ -84,6 +85,6 @@ def _ways(context: StepContext, frontiers: Sequence[Frontier]) -> NDArray[np.flo
 APEXNAV = Policy(
     "apexnav",
     "values when they differ enough, else the nearest frontier, ApexNav (https://arxiv.org/abs/2504.14478)",
-    lambda task: MissionPolicy(task, CONFIG, choose),
+    lambda task: MissionPolicy(task, CONFIG, rate),
     FusionConfig(),
 )

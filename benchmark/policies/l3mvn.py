@@ -11,7 +11,7 @@ random goal where there is no frontier (floors and second looks are everybody's)
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from surveilnav.benchmark.policies.cooccurrence import Cooccurrence, of_train
@@ -20,11 +20,12 @@ from surveilnav.benchmark.policies.policy import Policy
 from surveilnav.messages import ObjectRecord
 from surveilnav.services.fusion.core import FusionConfig
 from surveilnav.services.planner.core import PlannerConfig
-from surveilnav.services.planner.core.context import FrontierChoice, StepContext
-from surveilnav.services.planner.core.goals.frontier_choice import current_frontier
+from surveilnav.services.planner.core.context import RatedFrontier, StepContext
+from surveilnav.services.planner.core.goals.frontier_access import current_frontier
 from surveilnav.services.planner.core.goals.frontiers import Frontier
+from surveilnav.services.planner.core.options.frontiers import only
 
-CONFIG = PlannerConfig(verification="paper", objects_first=True)
+CONFIG = PlannerConfig(verification="paper", choice="paper")
 
 _WINDOW_M = 2.0
 _SURE, _LIKELY = 0.3, 0.1
@@ -38,15 +39,16 @@ class L3mvnRule:
     def __init__(self, known: Cooccurrence) -> None:
         self._known, self._chosen_at = known, -_EVERY_STEPS
 
-    def __call__(self, context: StepContext, frontiers: Callable[[], list[Frontier]]) -> FrontierChoice | None:
-        found, state = frontiers(), context.state
+    def __call__(self, context: StepContext, found: Sequence[Frontier]) -> list[RatedFrontier]:
+        state = context.state
         if not found:
-            return None
-        chosen = current_frontier(context, found, 1.5 * context.config.same_place_m)
+            return []
+        compared = list(found)
+        chosen = current_frontier(context, compared, 1.5 * context.config.same_place_m)
         if chosen is None or state.step - self._chosen_at >= _EVERY_STEPS:
-            found = scored(found, context.maps.objects, state.target, self._known)
-            chosen, self._chosen_at = likeliest(found), state.step
-        return FrontierChoice(found, chosen, "by what is near")
+            compared = scored(found, context.maps.objects, state.target, self._known)
+            chosen, self._chosen_at = likeliest(compared), state.step
+        return only(context, chosen, compared, "by what is near")
 
 
 def scored(

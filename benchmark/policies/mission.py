@@ -13,7 +13,7 @@ from surveilnav.benchmark.policies.policy import Task
 from surveilnav.services.fusion.core import FusionConfig
 from surveilnav.services.planner.core import Decision, FloorMaps, MissionState, PlannerConfig, RobotView, step
 from surveilnav.services.planner.core.context import FrontierRule
-from surveilnav.services.planner.core.goals.frontier_choice import best_frontier
+from surveilnav.services.planner.core.options.frontiers import by_chance_per_metre
 
 #: A single detection of at least this score is believed by those who go to the first one. (VLFM asks .8 of YOLOv7;
 #: the detectors here are less sure of themselves, and .5 is what SurveilNav's confirmation asks.)
@@ -27,12 +27,12 @@ class MissionPolicy:
     """A searcher that runs the planner's core, with a frontier rule and settings of its own.
 
     With ``summaries`` the robot may change floors by what the cameras of other floors report. Without, floors are searched one
-    after the other: when nothing is left to explore on one, the stage ``next_floor`` sends the robot to the nearest floor that
+    after the other: when nothing is left to explore on one, ``unsearched_floors`` sends the robot to the nearest floor that
     isn't searched yet, unless the task says that the first floor has a goal.
     """
 
     def __init__(
-        self, task: Task, config: PlannerConfig, rule: FrontierRule = best_frontier, *, summaries: bool = False
+        self, task: Task, config: PlannerConfig, rule: FrontierRule = by_chance_per_metre, *, summaries: bool = False
     ) -> None:
         self._task, self._rule, self._summaries = task, rule, summaries
         self._config = config.changed(**({**_STAYS, **task.planning} if task.goal_on_floor else task.planning))

@@ -8,7 +8,7 @@ They never finish with a floor, so they stay on the one where they began.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -16,8 +16,9 @@ from surveilnav.benchmark.policies.mission import MissionPolicy
 from surveilnav.benchmark.policies.policy import Policy
 from surveilnav.services.fusion.core import FusionConfig
 from surveilnav.services.planner.core import PlannerConfig
-from surveilnav.services.planner.core.context import FrontierChoice, StepContext
+from surveilnav.services.planner.core.context import RatedFrontier, StepContext
 from surveilnav.services.planner.core.goals.frontiers import Frontier
+from surveilnav.services.planner.core.options.frontiers import only
 
 _WALK_M = 1.0
 
@@ -28,7 +29,7 @@ class RandomPlaceRule:
     def __init__(self, seed: int, within_m: float) -> None:
         self._rng, self._within_m = np.random.default_rng(seed), within_m
 
-    def __call__(self, context: StepContext, frontiers: Callable[[], list[Frontier]]) -> FrontierChoice | None:
+    def __call__(self, context: StepContext, found: Sequence[Frontier]) -> list[RatedFrontier]:
         """See ``FrontierRule``: places stand in for frontiers."""
         waypoint, time_m = context.state.waypoint, context.travel_time_m
         if waypoint is not None and waypoint.kind == "frontier":
@@ -36,7 +37,7 @@ class RandomPlaceRule:
             place = Frontier(waypoint.x_m, waypoint.y_m, 1, float(time_m[cell]))
         else:
             place = self._draw(context)
-        return FrontierChoice([place], place, "at random")
+        return only(context, place, [place], "at random")
 
     def _draw(self, context: StepContext) -> Frontier:
         terrain, robot, config, time_m = context.terrain, context.robot, context.config, context.travel_time_m

@@ -17,8 +17,7 @@ from surveilnav.services.planner.core import PlannerConfig
 #: rejected stays so.
 AS_WRITTEN = PlannerConfig(
     verification="paper",
-    confirmed_first=True,
-    objects_first=True,
+    choice="paper",
     promising_chance=0.0,
     exploit="always",
     frontier_score="value",

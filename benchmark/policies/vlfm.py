@@ -11,7 +11,7 @@ mustn't come again (a place without progress is given up).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -20,11 +20,12 @@ from surveilnav.benchmark.policies.mission import MissionPolicy, first_sight
 from surveilnav.benchmark.policies.policy import Policy
 from surveilnav.services.fusion.core import FusionConfig, MapConfig, ValueConfig
 from surveilnav.services.planner.core import FloorMaps, PlannerConfig
-from surveilnav.services.planner.core.context import FrontierChoice, StepContext
-from surveilnav.services.planner.core.goals.frontier_choice import current_frontier
+from surveilnav.services.planner.core.context import RatedFrontier, StepContext
+from surveilnav.services.planner.core.goals.frontier_access import current_frontier
 from surveilnav.services.planner.core.goals.frontiers import Frontier, values_near
+from surveilnav.services.planner.core.options.frontiers import only
 
-CONFIG = PlannerConfig(verification="paper", objects_first=True, value_radius_m=0.5, standoff_m=0.85, stop_m=0.9)
+CONFIG = PlannerConfig(verification="paper", choice="paper", value_radius_m=0.5, standoff_m=0.85, stop_m=0.9)
 FUSION = first_sight(FusionConfig(map=MapConfig(frontier_hole_m2=1.5), value=ValueConfig(fusion="confidence")))
 
 _SAME_M = 0.5
@@ -40,13 +41,13 @@ class VlfmRule:
     def __init__(self) -> None:
         self._last_value = 0.0
 
-    def __call__(self, context: StepContext, frontiers: Callable[[], list[Frontier]]) -> FrontierChoice | None:
-        found = [valued(frontier, context.maps, context.config) for frontier in frontiers()]
-        if not found:
-            return None
-        chosen = best(found, current_frontier(context, found, _SAME_M), self._last_value)
+    def __call__(self, context: StepContext, found: Sequence[Frontier]) -> list[RatedFrontier]:
+        compared = [valued(frontier, context.maps, context.config) for frontier in found]
+        if not compared:
+            return []
+        chosen = best(compared, current_frontier(context, compared, _SAME_M), self._last_value)
         self._last_value = chosen.value
-        return FrontierChoice(found, chosen, "by value")
+        return only(context, chosen, compared, "by value")
 
 
 def valued(frontier: Frontier, maps: FloorMaps, config: PlannerConfig) -> Frontier:

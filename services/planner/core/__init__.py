@@ -1,11 +1,12 @@
 """Pure planning: ``step(state, maps, robot, config)`` gives a mission's next action. It uses no bus and no clock.
 
-inputs      the maps and the robot at one step; decision: what the step answers
+step        perceive, choose, drive; inputs: the maps and the robot at one step; decision: what the step answers
+choice      the decision: which of the options is worth most
+options/    what the robot could do next, a file for each kind; nothing here changes anything
+goals/      what is known of objects, frontiers, floors and stairs (questions only)
 memory/     what a mission remembers, and every method that changes it
-goals/      what the robot may head for: objects, frontiers, floors, stairs (questions only)
 motion/     how it gets there: terrain, Fast Marching, the local planner
-behaviours/ what it does on the way and at a waypoint: explore, approach an object, take stairs
-stages/     the kinds of waypoints, and the order in which they are tried (``rounds``)
+behaviours/ what it does about the chosen option: explore, approach an object, take stairs
 config      every number
 warm_up     compiles the inner loops before a robot waits for them
 """

@@ -36,6 +36,11 @@ class PlannerConfig(BaseModel):
         description="what ranks frontiers, the paper's three strategies: greedy takes the nearest, object the relevance of "
         "objects near the frontier, region the value map",
     )
+    choice: Literal["utility", "paper"] = Field(
+        "utility",
+        description="utility: of all options the one of the highest chance per metre; paper: a confirmed target, else a "
+        "promising candidate, else the best frontier, however far they are",
+    )
     verification: Literal["two_level", "paper"] = Field(
         "two_level",
         description="two_level stops only at an object that is confirmed and that the robot itself sees, or that is likely "
@@ -139,7 +144,6 @@ class PlannerConfig(BaseModel):
     )
     explore_cost_m: float = Field(3.0, description="cost of exploring beyond a frontier, in addition to the way to it")
     explore_chance: float = Field(0.12, description="chance that exploring one frontier finds the target")
-    objects_first: bool = Field(False, description="any promising object comes before exploring, however far it is")
     reached_m: float = Field(
         0.45, description="the robot has reached a frontier, or a place to look around from, within this distance"
     )
@@ -181,9 +185,6 @@ class PlannerConfig(BaseModel):
     promising_chance: float | None = Field(
         0.1,
         description="unconfirmed objects with a lower chance wait until all is explored. None: all unconfirmed ones wait",
-    )
-    confirmed_first: bool = Field(
-        False, description="a confirmed target comes before all other objects, however far it is"
     )
     verify_cost_m: float = Field(2.0, gt=0, description="cost of looking at an object, in addition to the way to it")
     standoff_m: float = Field(0.75, description="preferred distance from an object to stop at")

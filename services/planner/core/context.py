@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Protocol
@@ -10,7 +10,6 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from surveilnav.messages import Candidate
 from surveilnav.services.planner.core.config import PlannerConfig
 from surveilnav.services.planner.core.decision import Decision, Phase
 from surveilnav.services.planner.core.goals import objects
@@ -25,33 +24,25 @@ from surveilnav.services.planner.core.motion.terrain import (
     coarse_travel_time_m,
     lines_are_clear,
 )
-
-_MAX_CANDIDATES = 12
+from surveilnav.services.planner.core.options.option import Option
 
 
 @dataclass(frozen=True, slots=True)
-class FrontierChoice:
-    """The answer of a ``FrontierRule``: the frontiers that it compared, the one to explore, and why."""
+class RatedFrontier:
+    """A frontier with the chance that exploring it finds the target, its utility (comparable with the utilities of objects), and
+    what rated it so, for people."""
 
-    compared: Sequence[Frontier]
-    chosen: Frontier
+    frontier: Frontier
+    chance: float
+    utility: float
     why: str
 
 
 class FrontierRule(Protocol):
-    """Chooses the frontier to explore next. Ours is ``goals.frontier_choice.best_frontier``; the baselines of the benchmark
-    bring their own."""
+    """Rates frontiers. Ours is ``options.frontiers.by_chance_per_metre``; the baselines of the benchmark bring their own."""
 
-    def __call__(self, context: StepContext, frontiers: Callable[[], list[Frontier]]) -> FrontierChoice | None:
-        """Chooses one of ``frontiers()``, which may be empty. None: nothing is left to explore."""
-
-
-@dataclass(frozen=True, slots=True)
-class Choice:
-    """The chosen waypoint, and the candidates that it was compared with."""
-
-    chosen: Candidate
-    compared: tuple[Candidate, ...]
+    def __call__(self, context: StepContext, found: Sequence[Frontier]) -> list[RatedFrontier]:
+        """Rates the frontiers that the robot may explore (there may be none); those that it leaves out aren't explored."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +51,7 @@ class StepContext:
 
     Asking it never changes anything. ``state`` is the step's own copy; behaviours and stages change it through the methods of
     ``MissionState``. ``travel_time_m``: from the robot to every cell of the terrain, in metres of comfortable free space.
+    ``retries_blacklisted``: nothing else is left, so only what is blacklisted permanently counts as blacklisted.
     """
 
     state: MissionState
@@ -71,6 +63,7 @@ class StepContext:
     rule: FrontierRule
     terrain: Terrain
     travel_time_m: NDArray[np.float64]
+    retries_blacklisted: bool = False
 
     @classmethod
     def from_inputs(
@@ -116,7 +109,7 @@ class StepContext:
     def with_open(self, passages: Sequence[Area]) -> StepContext:
         """This step as it would be if these passages were open."""
         areas = tuple(replace(area, kind="open") if area in passages else area for area in self.maps.areas)
-        return StepContext.from_inputs(
+        opened = StepContext.from_inputs(
             self.state,
             replace(self.maps, areas=areas),
             self.robot,
@@ -125,6 +118,14 @@ class StepContext:
             self.summaries,
             self.rule,
         )
+        return replace(opened, retries_blacklisted=self.retries_blacklisted)
+
+    def is_blacklisted(self, x_m: float, y_m: float, *, confirmed: bool = False) -> bool:
+        """Whether the robot leaves a place alone because it failed to reach it. ``confirmed``: a confirmed target is there."""
+        state, config = self.state, self.config
+        if self.retries_blacklisted:
+            return state.here.blacklist.contains_permanently(x_m, y_m, config, confirmed=confirmed)
+        return state.here.blacklist.contains(x_m, y_m, state.step, config, confirmed=confirmed)
 
     def area_at(self, x_m: float, y_m: float) -> str:
         """The name of the keepout zone or closed passage at a place; empty if there is none."""
@@ -143,25 +144,23 @@ class StepContext:
         action: str,
         phase: Phase,
         message: str,
-        choice: Choice | None = None,
+        option: Option | None = None,
         route: Route | None = None,
         to_floor: str | None = None,
     ) -> Decision:
-        """A decision for an action towards the chosen waypoint, along a route if there is one."""
+        """A decision for an action that serves an option, along a route if there is one."""
         here = self.robot.x_m, self.robot.y_m
         path = (here, *route.path[1:]) if route else (here,)
         length_m = float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum()) if route else None
-        chosen, compared = (choice.chosen, choice.compared[:_MAX_CANDIDATES]) if choice else (None, ())
         return Decision(
             action,
             phase,
             message,
             to_floor,
-            waypoint=chosen,
+            waypoint=option.to_candidate(chosen=True) if option else None,
             path=path,
             distance_m=length_m,
-            candidates=compared,
-            object_id=chosen.object_id if chosen else None,
+            object_id=option.record.id if option and option.record else None,
         )
 
 

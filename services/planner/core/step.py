@@ -1,6 +1,6 @@
 """One step of a mission: the paper's waypoint selection and navigation, extended to several floors.
 
-    scan the surroundings -> choose a waypoint -> drive
+    perceive (StepContext) -> propose and choose (choice) -> drive (behaviours)
 
 Every activity is bounded, so every mission ends: scans, looks at objects, turns at frontiers, visits to a floor and failures
 of stairs are counted, a waypoint without progress is blacklisted, and one that failed twice (a confirmed target: four times)
@@ -9,25 +9,42 @@ stays so.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
+from surveilnav.messages import Candidate
+from surveilnav.services.planner.core.behaviours.approach_object import approach_object
+from surveilnav.services.planner.core.behaviours.explore_frontier import explore_frontier
+from surveilnav.services.planner.core.behaviours.leave_area import leave_area
+from surveilnav.services.planner.core.behaviours.look_around import look_around
+from surveilnav.services.planner.core.behaviours.scan import initial_scan
+from surveilnav.services.planner.core.behaviours.take_stairs import take_stairs
+from surveilnav.services.planner.core.behaviours.wait_for_passage import wait_for_passage
+from surveilnav.services.planner.core.choice import Choice, choose
 from surveilnav.services.planner.core.config import PlannerConfig
 from surveilnav.services.planner.core.context import FrontierRule, StepContext
 from surveilnav.services.planner.core.decision import Decision
 from surveilnav.services.planner.core.goals.floors import describe_failed_stairs, floor_with_evidence
-from surveilnav.services.planner.core.goals.frontier_choice import best_frontier
-from surveilnav.services.planner.core.goals.unchosen_objects import unchosen_objects
 from surveilnav.services.planner.core.inputs import FloorMaps, RobotView
 from surveilnav.services.planner.core.memory.mission_state import MissionState
 from surveilnav.services.planner.core.motion.drive import FmmPlanner, LocalPlanner
 from surveilnav.services.planner.core.motion.waypoint_driving import WaypointPlanner, to_drive
-from surveilnav.services.planner.core.stages.initial_scan import initial_scan
-from surveilnav.services.planner.core.stages.last_resort import accept_when_steps_run_out
-from surveilnav.services.planner.core.stages.leaving import leave_area
-from surveilnav.services.planner.core.stages.objects import leave_outdone_object
-from surveilnav.services.planner.core.stages.rounds import first_decision
+from surveilnav.services.planner.core.options.frontiers import by_chance_per_metre
+from surveilnav.services.planner.core.options.option import Option, OptionKind
+from surveilnav.services.planner.core.options.unchosen_objects import unchosen_objects
 
+#: What is done about an option. None: it turned out that nothing can be, which was recorded.
+BEHAVIOURS: Mapping[OptionKind, Callable[[StepContext, Option], Decision | None]] = {
+    "target": approach_object,
+    "candidate": approach_object,
+    "frontier": explore_frontier,
+    "stairs": take_stairs,
+    "second_look": look_around,
+    "passage": wait_for_passage,
+}
+#: Far more than there are options: reaching it means that one fails without a record of it.
+_MAX_CHOICES = 1000
+_MAX_SHOWN = 24
 _PLANNERS: Mapping[str, LocalPlanner] = {"actions": FmmPlanner(), "waypoints": WaypointPlanner()}
 _NO_SUMMARIES: Mapping[str, Mapping[str, float]] = {}
 
@@ -39,7 +56,7 @@ def step(
     config: PlannerConfig,
     planner: LocalPlanner | None = None,
     summaries: Mapping[str, Mapping[str, float]] = _NO_SUMMARIES,
-    rule: FrontierRule = best_frontier,
+    rule: FrontierRule = by_chance_per_metre,
 ) -> tuple[MissionState, Decision]:
     """Decides the next action of a mission on what the maps hold now.
 
@@ -52,7 +69,7 @@ def step(
         robot: the robot at that observation.
         planner: drives to goal cells; None: the one that fits how the robot drives.
         summaries: by floor, label -> highest confidence that the cameras of that floor last reported.
-        rule: chooses the frontier to explore.
+        rule: rates frontiers.
 
     Returns:
         The new memory and the decision. ``found`` comes with the action ``stop``; a failure has an error name and no action.
@@ -62,9 +79,7 @@ def step(
     state.record_removals(maps.removals)
     planner = planner or _PLANNERS[config.drive]
     context = StepContext.from_inputs(state, maps, robot, config, planner, summaries, rule)
-    decision = (
-        _fail_if_spent(context) or leave_area(context) or initial_scan(context) or _choose_waypoint_and_drive(context)
-    )
+    decision = _fail_if_spent(context) or leave_area(context) or _choose_and_drive(context)
     if config.drive == "waypoints":
         decision = to_drive(decision, state, robot, config, context.leads_through_barred)
     state.record_decision(decision)
@@ -72,11 +87,29 @@ def step(
     return state, replace(decision, candidates=candidates)
 
 
-def _choose_waypoint_and_drive(context: StepContext) -> Decision:
-    """Tries the stages in their order; when none of them has anything left, the mission fails."""
-    accept_when_steps_run_out(context)
-    leave_outdone_object(context)
-    return first_decision(context) or _nothing_left(context)
+def _choose_and_drive(context: StepContext) -> Decision:
+    """Chooses an option and does something about it. If that shows that there is nothing to be done, chooses again.
+
+    Raises:
+        RuntimeError: options fail without end, which a behaviour that records no failure, or a frontier rule, can bring about.
+    """
+    choice = None
+    for _ in range(_MAX_CHOICES):
+        choice = choose(context)
+        if decision := initial_scan(context, choice):
+            return decision
+        if choice is None:
+            return _nothing_left(context)
+        context.state.apply(choice, context.config)
+        if decision := BEHAVIOURS[choice.chosen.kind](context, choice.chosen):
+            return replace(decision, candidates=_shown(choice))
+    raise RuntimeError(f"an option is chosen without end: {choice}")
+
+
+def _shown(choice: Choice) -> tuple[Candidate, ...]:
+    """The options that were compared, as people are shown them."""
+    options = choice.compared[:_MAX_SHOWN]
+    return tuple(o.to_candidate(chosen=o is choice.chosen) for o in options if o.kind != "passage")
 
 
 def _fail_if_spent(context: StepContext) -> Decision | None:

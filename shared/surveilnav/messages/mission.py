@@ -96,7 +96,12 @@ class MissionStatus(Message, frozen=True, kw_only=True):
 
 
 class Candidate(msgspec.Struct, frozen=True):
-    """A place that the planner considered: its kind, (x, y) in the world, score, and why it was chosen or not."""
+    """An option of the planner: its kind, (x, y) in the world, utility, and why it was chosen or not.
+
+    Attributes:
+        score: its utility, by which options are compared.
+        chance: that the target is found there, 0 to 1. ``cost_m``: the expected way until then, in metres.
+    """
 
     kind: Literal["target", "candidate", "frontier", "stairs", "second_look"]
     x_m: float
@@ -105,6 +110,8 @@ class Candidate(msgspec.Struct, frozen=True):
     chosen: bool = False
     note: str = ""
     object_id: int | None = None
+    chance: float | None = None
+    cost_m: float | None = None
 
 
 class Plan(Message, frozen=True, kw_only=True):

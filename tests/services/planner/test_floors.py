@@ -9,12 +9,12 @@ from types import SimpleNamespace
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from surveilnav.services.planner.core.stages import last_resort as stage
+from surveilnav.services.planner.core.stages.stage import RETRY
 
 from surveilnav.services.planner.core import FloorMemory, MissionState, PlannerConfig
 from surveilnav.services.planner.core.goals.floors import chance_here
 from surveilnav.services.planner.core.goals.stairs import PathToFloor
-from surveilnav.services.planner.core.stages import last_resort as stage
-from surveilnav.services.planner.core.stages.stage import RETRY
 
 #: A hall with a side room; ``C`` a thing in it. The stair's end is at (6.1, 0.9).
 FLOOR = """

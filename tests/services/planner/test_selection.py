@@ -10,6 +10,10 @@ from types import SimpleNamespace
 import msgspec
 import numpy as np
 import pytest
+from surveilnav.services.planner.core.goals.frontier_choice import best_frontier
+from surveilnav.services.planner.core.goals.object_choice import likeliest_last_resort, promising_object
+from surveilnav.services.planner.core.stages import objects as object_stages
+from surveilnav.services.planner.core.stages.objects import promising_candidate
 
 from surveilnav.geometry import Grid
 from surveilnav.messages import Candidate
@@ -20,10 +24,8 @@ from surveilnav.services.planner.core.behaviours.follow_route import follow_rout
 from surveilnav.services.planner.core.context import StepContext
 from surveilnav.services.planner.core.goals import goal_region as regions
 from surveilnav.services.planner.core.goals import objects
-from surveilnav.services.planner.core.goals.frontier_choice import best_frontier
 from surveilnav.services.planner.core.goals.frontiers import Frontier, find_frontiers, rank, values_differ_enough
 from surveilnav.services.planner.core.goals.goal_region import footprint, goal_region
-from surveilnav.services.planner.core.goals.object_choice import likeliest_last_resort, promising_object
 from surveilnav.services.planner.core.goals.objects import candidates, chance, promising
 from surveilnav.services.planner.core.goals.verification import is_likely_enough, verify
 from surveilnav.services.planner.core.memory.floor_goal import FloorGoal
@@ -31,8 +33,6 @@ from surveilnav.services.planner.core.memory.floor_memory import DismissedObject
 from surveilnav.services.planner.core.memory.waypoint import CurrentWaypoint
 from surveilnav.services.planner.core.motion.drive import Route
 from surveilnav.services.planner.core.motion.terrain import build_terrain, coarse_travel_time_m
-from surveilnav.services.planner.core.stages import objects as object_stages
-from surveilnav.services.planner.core.stages.objects import promising_candidate
 
 CONFIG = PlannerConfig()
 HALL = """

@@ -8,10 +8,10 @@ import math
 import msgspec
 import numpy as np
 import pytest
-
-from surveilnav.services.planner.core import MissionState, PlannerConfig, step
 from surveilnav.services.planner.core.stages import rounds
 from surveilnav.services.planner.core.stages.stage import RETRY
+
+from surveilnav.services.planner.core import MissionState, PlannerConfig, step
 
 #: Two rooms, joined by a door of 0.75 m.
 TWO_ROOMS = """

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
+from surveilnav.services.planner.core.goals.frontier_choice import best_frontier
+from surveilnav.services.planner.core.goals.unchosen_objects import unchosen_objects
 
 from surveilnav.messages import Candidate
 from surveilnav.services.planner.core import MissionState, PlannerConfig, step
 from surveilnav.services.planner.core.context import StepContext
-from surveilnav.services.planner.core.goals.frontier_choice import best_frontier
-from surveilnav.services.planner.core.goals.unchosen_objects import unchosen_objects
 from surveilnav.services.planner.core.memory.floor_memory import DismissedObject
 from surveilnav.services.planner.core.motion.drive import FmmPlanner
 

@@ -1,1 +1,1 @@
-"""What the robot does on the way to a waypoint and there: explore a frontier, approach an object and verify it, take stairs."""
+"""What the robot does about the chosen option, on the way to it and there. Behaviours record what they do in the memory."""

@@ -7,26 +7,29 @@ from dataclasses import dataclass, replace
 
 from surveilnav.messages import ObjectRecord
 from surveilnav.services.planner.core.behaviours.follow_route import follow_route, level_camera
-from surveilnav.services.planner.core.context import Choice, StepContext
+from surveilnav.services.planner.core.context import StepContext
 from surveilnav.services.planner.core.decision import Decision
 from surveilnav.services.planner.core.goals import objects
 from surveilnav.services.planner.core.goals.goal_region import GoalRegion, goal_region
 from surveilnav.services.planner.core.goals.verification import Verification, is_likely_enough, verify
 from surveilnav.services.planner.core.motion.drive import bearing_error_rad, turn_towards
+from surveilnav.services.planner.core.options.option import Option
 
 
 @dataclass(frozen=True, slots=True)
 class _Approach:
-    """An approach to an object at this step: what it was chosen among, and what the joint map says of it now."""
+    """An approach to an object at this step: the option that it serves, and what the joint map says of it now."""
 
     context: StepContext
     record: ObjectRecord
-    choice: Choice
+    option: Option
     verification: Verification
 
 
-def approach_object(context: StepContext, record: ObjectRecord, choice: Choice) -> Decision | None:
+def approach_object(context: StepContext, option: Option) -> Decision | None:
     """Goes near an object, looks at it on the way, and stops if it is the target. None: it was dismissed or blacklisted."""
+    record = option.record
+    assert record is not None
     verification = _verification_of(context, record)
     if verification == "contradicted":
         context.state.dismiss(record, f"the robot sees {record.label_robot or 'something else'}")
@@ -39,10 +42,10 @@ def approach_object(context: StepContext, record: ObjectRecord, choice: Choice) 
             context.state.record_unreachable(record, context.area_at(*record.center_m[:2]))
         context.state.blacklist_place(*record.center_m[:2], context.config)
         return None
-    approach = _Approach(context, record, choice, verification)
+    approach = _Approach(context, record, option, verification)
     if _has_arrived(context, region):
         return _look_and_decide(approach)
-    return level_camera(context, choice) or _turn_to_unverified(approach, region) or _drive_nearer(approach, region)
+    return level_camera(context, option) or _turn_to_unverified(approach, region) or _drive_nearer(approach, region)
 
 
 def _verification_of(context: StepContext, record: ObjectRecord) -> Verification:
@@ -75,7 +78,7 @@ def _turn_to_unverified(approach: _Approach, region: GoalRegion) -> Decision | N
         return None
     memory.record_inspection(record.id, turns + 1)
     turn = "turn_left" if error_rad > 0 else "turn_right"
-    return context.decide(turn, "confirming", f"turning to {_describe(context, record)}", approach.choice)
+    return context.decide(turn, "confirming", f"turning to {_describe(context, record)}", approach.option)
 
 
 def _drive_nearer(approach: _Approach, region: GoalRegion) -> Decision | None:
@@ -84,7 +87,7 @@ def _drive_nearer(approach: _Approach, region: GoalRegion) -> Decision | None:
     route = follow_route(context, region.goals)
     if route is not None:
         message = f"to {_describe(context, record)}, {route.remaining_m:.1f} m"
-        return context.decide(route.action, "approaching", message, approach.choice, route)
+        return context.decide(route.action, "approaching", message, approach.option, route)
     if not _sees_from_within(context, region, context.config.farthest_stop_m):
         return None
     if approach.verification == "verified":
@@ -102,14 +105,14 @@ def _look_and_decide(approach: _Approach) -> Decision | None:
     turn = turn_towards(context.robot, *record.center_m[:2], config)
     waited = state.step - state.waypoint.progress_step if state.waypoint is not None else 0
     if turn and waited < config.patience_steps and (verified or looks_taken == 0):
-        return context.decide(turn, "confirming", f"turning to {_describe(context, record)}", approach.choice)
+        return context.decide(turn, "confirming", f"turning to {_describe(context, record)}", approach.option)
     if verified:
         return _found(approach, "seen by the robot itself")
     looks = _extra_looks(context, record)
     if looks_taken < len(looks) and config.verification != "paper":
         state.here.record_extra_look(record.id)
         message = f"looking at {_describe(context, record)} again, {looks_taken + 1} of {len(looks)}"
-        return context.decide(looks[looks_taken], "confirming", message, approach.choice)
+        return context.decide(looks[looks_taken], "confirming", message, approach.option)
     if is_likely_enough(record, state.target, config):
         return _found(approach, "likely enough after all looks at it")
     if record.id == state.here.accepted_object:
@@ -143,7 +146,7 @@ def _accepted(approach: _Approach) -> Decision:
 
 
 def _stop(approach: _Approach, message: str) -> Decision:
-    decision = approach.context.decide("stop", "finished", message, approach.choice)
+    decision = approach.context.decide("stop", "finished", message, approach.option)
     return replace(decision, finished=True, found=True)
 
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from surveilnav.services.planner.core.context import Choice, StepContext
+from surveilnav.services.planner.core.context import StepContext
 from surveilnav.services.planner.core.decision import Decision
 from surveilnav.services.planner.core.motion.drive import Route
+from surveilnav.services.planner.core.options.option import Option
 
 
 def follow_route(context: StepContext, goals: NDArray[np.bool_]) -> Route | None:
@@ -20,9 +21,9 @@ def follow_route(context: StepContext, goals: NDArray[np.bool_]) -> Route | None
     return route if keeps_going else None
 
 
-def level_camera(context: StepContext, choice: Choice | None = None) -> Decision | None:
+def level_camera(context: StepContext, option: Option | None = None) -> Decision | None:
     """Brings the camera back to the horizon after the robot looked up or down; None: it is level."""
     if abs(context.robot.pitch_rad) <= context.config.turn_rad / 2:
         return None
     action = "look_up" if context.robot.pitch_rad < 0 else "look_down"
-    return context.decide(action, "exploring", "levelling the camera", choice)
+    return context.decide(action, "exploring", "levelling the camera", option)

@@ -10,6 +10,7 @@ import math
 
 from surveilnav.services.planner.core.context import StepContext
 from surveilnav.services.planner.core.goals import objects
+from surveilnav.services.planner.core.memory.floor_goal import FloorGoal
 from surveilnav.services.planner.core.memory.floor_memory import FloorMemory, stairs_name
 
 _NEVER_VISITED = FloorMemory()
@@ -52,6 +53,13 @@ def evidence_here(context: StepContext) -> float:
 def never_leaves(context: StepContext) -> bool:
     """Whether the robot was told that the target is on its floor, so that it stays there."""
     return context.config.floor_chance >= 1.0
+
+
+def is_still_wanted(context: StepContext, goal: FloorGoal) -> bool:
+    """Whether there is still a reason to go to a floor: this one is searched, or that one's cameras still see the target."""
+    if context.state.here.is_searched:
+        return True
+    return evidence(context, goal.to_floor) >= context.config.floor_confidence - context.config.floor_margin
 
 
 def chance_here(context: StepContext) -> float:

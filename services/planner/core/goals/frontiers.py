@@ -32,7 +32,9 @@ class Frontier:
         n_cells: its size in cells.
         travel_time_m: from the robot, in metres of comfortable free space.
         value: relevance to the target by the strategy; NaN where nothing is known.
-        score: what ranks it, higher is better.
+        relative_chance: the chance that the target is found by exploring it, by what it seems to hide and its value; 1: a wide
+            frontier of the lowest value.
+        score: what ranks it, higher is better: ``relative_chance`` for each metre, or its value alone.
         hidden_m2: known free floor around it that nobody has looked at, by a map from before; NaN: there is no such map.
     """
 
@@ -41,6 +43,7 @@ class Frontier:
     n_cells: int
     travel_time_m: float
     value: float = math.nan
+    relative_chance: float = 1.0
     score: float = 0.0
     hidden_m2: float = math.nan
 
@@ -98,22 +101,26 @@ def rank(
     else:
         scaled = np.zeros(len(valued))
     wide = config.frontier_wide_m / maps.grid.resolution_m
-    scored = [replace(f, score=_score(f, float(s), wide, config)) for f, s in zip(valued, scaled, strict=True)]
+    likely = [
+        replace(f, relative_chance=_hides(f, wide) * (1.0 + config.value_gain * float(s)))
+        for f, s in zip(valued, scaled, strict=True)
+    ]
+    scored = [replace(f, score=_score(f, float(s), config)) for f, s in zip(likely, scaled, strict=True)]
     return sorted(scored, key=lambda f: -f.score), exploit
 
 
-def _score(frontier: Frontier, scaled_value: float, wide: float, config: PlannerConfig) -> float:
-    """A frontier's score: its utility, which is a relative chance per metre, or its scaled value (0 to 1) alone.
+def _hides(frontier: Frontier, wide: float) -> float:
+    """What a frontier is expected to hide, 0.5 to 1: a wide one (``wide`` cells) more than a slit. Where a map from before knows
+    how much is hidden, that counts instead."""
+    share = frontier.n_cells / wide if math.isnan(frontier.hidden_m2) else frontier.hidden_m2 / _MUCH_HIDDEN_M2
+    return 0.5 + 0.5 * min(1.0, share)
 
-    A wide frontier (``wide`` cells) is expected to hide more than a slit; where a map from before knows how much is hidden, that
-    counts instead. The frontier of the highest value has
-    ``1 + value_gain`` times the chance of the one of the lowest.
-    """
+
+def _score(frontier: Frontier, scaled_value: float, config: PlannerConfig) -> float:
+    """A frontier's score: its relative chance per metre, or its scaled value (0 to 1) alone."""
     if config.frontier_score == "value":
         return (scaled_value + _TIE_BREAK_PER_M) / (1.0 + _TIE_BREAK_PER_M * frontier.travel_time_m)
-    share = frontier.n_cells / wide if math.isnan(frontier.hidden_m2) else frontier.hidden_m2 / _MUCH_HIDDEN_M2
-    hides = 0.5 + 0.5 * min(1.0, share)
-    return hides * (1.0 + config.value_gain * scaled_value) / (frontier.travel_time_m + config.explore_cost_m)
+    return frontier.relative_chance / (frontier.travel_time_m + config.explore_cost_m)
 
 
 def values_differ_enough(values: NDArray[np.float64], config: PlannerConfig) -> bool:

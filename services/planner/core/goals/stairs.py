@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from surveilnav.messages import Stair
 from surveilnav.services.planner.core.context import StepContext
-from surveilnav.services.planner.core.goals.floors import memory_of
+from surveilnav.services.planner.core.goals.floors import is_still_wanted, memory_of, never_leaves
 from surveilnav.services.planner.core.motion.terrain import lines_are_clear
 
 #: The end of stairs counts as seen if a cell this near to it is explored.
@@ -26,13 +26,25 @@ class PathToFloor(NamedTuple):
     first_stairs: Stair
 
 
-def paths_to_floors(context: StepContext) -> dict[str, PathToFloor]:
-    """The cheapest path to every floor that can be reached, by Dijkstra's algorithm over the stairs of the building."""
+def path_to_floor_goal(context: StepContext) -> PathToFloor | None:
+    """The path to the floor that the robot is heading for. None: it isn't heading for one that there is still a reason to go
+    to, or no way leads there."""
+    goal = context.state.floor_goal
+    if goal is None or never_leaves(context) or not is_still_wanted(context, goal):
+        return None
+    return paths_to_floors(context).get(goal.to_floor)
+
+
+def paths_to_floors(context: StepContext, *, also_unseen: bool = False) -> dict[str, PathToFloor]:
+    """The cheapest path to every floor that can be reached, by Dijkstra's algorithm over the stairs of the building.
+
+    ``also_unseen``: by stairs, too, that nobody has seen yet.
+    """
     all_stairs = context.robot.stairs
     order = itertools.count()  # decides between equal costs, always in the same way
     queue: list[tuple[float, int, Stair, Stair]] = []  # (cost after the last stairs, order, first stairs, last stairs)
     for stairs in all_stairs:
-        if stairs.floor == context.state.floor and _may_be_headed_for(context, stairs):
+        if stairs.floor == context.state.floor and _may_be_headed_for(context, stairs, also_unseen):
             time_m = float(context.travel_time_m[goal_cells(context, stairs)].min(initial=math.inf))
             if math.isfinite(time_m):
                 heapq.heappush(queue, (time_m + stairs.length_m, next(order), stairs, stairs))
@@ -69,11 +81,11 @@ def goal_cells(context: StepContext, stairs: Stair) -> NDArray[np.bool_]:
     return near
 
 
-def _may_be_headed_for(context: StepContext, stairs: Stair) -> bool:
+def _may_be_headed_for(context: StepContext, stairs: Stair, also_unseen: bool) -> bool:
     """Whether stairs of this floor may be headed for: they didn't fail too often, and are seen or may be used unseen."""
     if _failed_too_often(context, stairs):
         return False
-    if context.config.stairs_known == "plan" or context.state.here.is_searched:
+    if also_unseen or context.config.stairs_known == "plan" or context.state.here.is_searched:
         return True
     explored = context.terrain.crop(context.maps.explored) != 0
     return bool((context.terrain.disc(*stairs.at_m[:2], _SEEN_M) & explored).any())

@@ -65,11 +65,9 @@ class Blacklist:
         """Ends the waiting time of a place; its failures stay counted."""
         self.entries = [_released(e, step) if _is_near(e, x_m, y_m, config) else e for e in self.entries]
 
-    def release_all(self, step: int) -> bool:
-        """Ends the waiting time of every place that may still be tried again; returns whether there was one."""
-        waiting = [e.failures < PERMANENT_AFTER_CONFIRMED and e.until_step > step for e in self.entries]
-        self.entries = [_released(e, step) if w else e for e, w in zip(self.entries, waiting, strict=True)]
-        return any(waiting)
+    def is_waiting(self, step: int) -> bool:
+        """Whether some place is left alone only for a while."""
+        return any(e.until_step > step for e in self.entries)
 
     def copy(self) -> Blacklist:
         """A copy whose list is its own."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import msgspec
 
@@ -14,6 +15,9 @@ from surveilnav.services.planner.core.inputs import RobotView
 from surveilnav.services.planner.core.memory.floor_goal import FloorChange, FloorGoal, StairsCommand
 from surveilnav.services.planner.core.memory.floor_memory import DismissedObject, FloorMemory, stairs_name
 from surveilnav.services.planner.core.memory.waypoint import CurrentWaypoint
+
+if TYPE_CHECKING:
+    from surveilnav.services.planner.core.choice import Choice
 
 #: A move that is cut short ends at the contact, so the obstacle is in the very next cell.
 OBSTACLE_AHEAD_M = 0.05
@@ -186,6 +190,35 @@ class MissionState:
 
     # --- where it goes --------------------------------------------------------------------------------------------
 
+    def apply(self, choice: Choice, config: PlannerConfig) -> None:
+        """Makes the chosen option what the robot does from now on, and records what the choice has found out."""
+        chosen = choice.chosen
+        self._record_if_object_is_left(choice)
+        for place in choice.newly_constrained:
+            self.here.defer_frontier(*place)
+        if choice.searched_chance is not None:
+            self.here.record_searched(choice.searched_chance)
+        if chosen.is_accepted and chosen.record is not None:
+            self.here.accepted_object = chosen.record.id
+        if chosen.kind in {
+            "frontier",
+            "stairs",
+            "second_look",
+        }:  # on its way to an object it still wants to go to its floor goal
+            self.floor_goal = chosen.floor_goal
+        self.here.blacklist.release(chosen.x_m, chosen.y_m, self.step, config)
+        if chosen.kind != "passage":
+            self.commit_to(chosen.to_candidate(chosen=True), config, is_fallback=chosen.is_fallback)
+
+    def _record_if_object_is_left(self, choice: Choice) -> None:
+        """If the robot was heading for an object that isn't promising any more, or that exploring outdoes: that it oscillates."""
+        current = self.waypoint
+        if current is None or current.object_id is None or current.is_fallback:
+            return
+        lost_promise = not any(option.record is not None and option.is_current for option in choice.compared)
+        if lost_promise or choice.chosen.kind == "frontier":
+            self.record_oscillation()
+
     def commit_to(self, chosen: Candidate, config: PlannerConfig, *, is_fallback: bool = False) -> None:
         """Makes a candidate the current waypoint. One that already is keeps its record of progress."""
         current = self.waypoint
@@ -237,18 +270,10 @@ class MissionState:
         oscillations[object_id] = oscillations.get(object_id, 0) + 1
         self.waypoint = None
 
-    def is_blacklisted(self, x_m: float, y_m: float, config: PlannerConfig, *, confirmed: bool = False) -> bool:
-        """Whether a place on this floor is blacklisted now. ``confirmed``: a confirmed target is there."""
-        return self.here.blacklist.contains(x_m, y_m, self.step, config, confirmed=confirmed)
-
     def blacklist_place(self, x_m: float, y_m: float, config: PlannerConfig, *, failures: int | None = None) -> None:
         """Blacklists a place on this floor and stops heading for the waypoint; see ``Blacklist.add``."""
         self.waypoint = None
         self.here.blacklist.add(x_m, y_m, self.step, config, failures=failures)
-
-    def release_blacklisted(self) -> bool:
-        """Has all places of this floor tried again that aren't blacklisted permanently; returns whether there was one."""
-        return self.here.blacklist.release_all(self.step)
 
     # --- objects and frontiers ------------------------------------------------------------------------------------
 
@@ -258,19 +283,6 @@ class MissionState:
             self.here.accepted_object = None
         self.here.dismissed[record.id] = DismissedObject(record.center_m[0], record.center_m[1], why)
         self.waypoint = None
-
-    def accept_last_resort(self, record: ObjectRecord | None, config: PlannerConfig) -> bool:
-        """Has an object of this floor taken for the target on weaker evidence; None: no object is accepted any more.
-
-        Returns whether another object than before was accepted.
-        """
-        if record is not None and record.id == self.here.accepted_object:
-            return False
-        self.here.accepted_object = record.id if record else None
-        if record is None:
-            return False
-        self.here.blacklist.release(*record.center_m[:2], self.step, config)
-        return True
 
     def record_unreachable(self, record: ObjectRecord, area: str = "") -> None:
         """Records for the final message that no way leads near a confirmed target; ``area``: in which it stands."""
@@ -293,10 +305,6 @@ class MissionState:
         self.second_look_turns_left = turns_left
 
     # --- floors ---------------------------------------------------------------------------------------------------
-
-    def set_floor_goal(self, goal: FloorGoal | None) -> None:
-        """Sets the floor that the robot is heading for from now on; None: it stays on this one."""
-        self.floor_goal = goal
 
     def record_stairs_command(self, x_m: float, y_m: float, n_steps: int) -> None:
         """Records that the robot is told to take the stairs that end here, which counts as ``n_steps`` steps."""

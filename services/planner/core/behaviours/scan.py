@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
+from surveilnav.services.planner.core.choice import Choice
 from surveilnav.services.planner.core.context import StepContext
 from surveilnav.services.planner.core.decision import Decision
 from surveilnav.services.planner.core.goals import objects
 from surveilnav.services.planner.core.goals.travel import travel_time_to
-from surveilnav.services.planner.core.stages.other_floor import other_floor
 
 _LIKELY = 0.5
 
 
-def initial_scan(context: StepContext) -> Decision | None:
+def initial_scan(context: StepContext, choice: Choice | None) -> Decision | None:
     """A turn of the scan. None: the scan is over, or there is none on this floor.
 
     There is no scan where an object near by is most likely the target, nor where no object of this floor may be the target
     and it was seen on another floor. In all other cases a scan costs less than missing what is behind the robot, or heading
-    into a wall that no camera sees. While views of this floor's cameras are still pending, another floor has to wait: they
-    may show the target here.
+    into a wall that no camera sees.
     """
     state, robot, turns = context.state, context.robot, context.config.scan_turns
     if state.here.scan_turns_left == 0:
@@ -29,9 +28,9 @@ def initial_scan(context: StepContext) -> Decision | None:
         return None
     if state.here.scan_turns_left is None:
         if known and state.floor_goal is not None:
-            return None  # on the way to another floor: the stages compare that with what is here
-        if not known and not context.maps.pending_views and (decision := other_floor(context)):
-            return decision
+            return None  # on the way to another floor: the choice compares that with what is here
+        if not known and not context.maps.pending_views and choice is not None and choice.chosen.kind == "stairs":
+            return None
         state.here.begin_scan(robot.x_m, robot.y_m, turns)
     state.record_scan_turn()
     turns_taken = turns - (state.here.scan_turns_left or 0)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Collection
+from dataclasses import replace
 
 from surveilnav.messages import Candidate, ObjectRecord
 from surveilnav.services.planner.core.context import StepContext
 from surveilnav.services.planner.core.goals import objects
-from surveilnav.services.planner.core.goals.object_choice import is_blacklisted, is_deferred, object_utility
 from surveilnav.services.planner.core.goals.travel import is_behind_passage, is_reachable
+from surveilnav.services.planner.core.options.candidates import is_blacklisted, is_deferred, object_option
 
 _MAX_OBJECTS = 12
 
@@ -23,17 +24,8 @@ def unchosen_objects(context: StepContext, listed: Collection[Candidate]) -> tup
 
 
 def _candidate(context: StepContext, record: ObjectRecord) -> Candidate:
-    confirmed = objects.is_confirmed(record, context.state.target)
-    x_m, y_m, _ = record.center_m
-    note = _why_not(context, record, confirmed=confirmed)[:120]
-    return Candidate(
-        "target" if confirmed else "candidate",
-        x_m,
-        y_m,
-        object_utility(context, record),
-        note=note,
-        object_id=record.id,
-    )
+    option = object_option(context, record)
+    return replace(option, why=_why_not(context, record, confirmed=option.kind == "target")).to_candidate(chosen=False)
 
 
 def _why_not(context: StepContext, record: ObjectRecord, *, confirmed: bool) -> str:

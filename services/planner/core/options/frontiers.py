@@ -1,0 +1,69 @@
+"""Exploring: which frontiers there are to explore. How each is rated is the ``FrontierRule``'s business."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from surveilnav.services.planner.core.context import RatedFrontier, StepContext
+from surveilnav.services.planner.core.goals.frontier_access import (
+    available_frontiers,
+    current_frontier,
+    split_by_access,
+)
+from surveilnav.services.planner.core.goals.frontiers import Frontier, rank
+from surveilnav.services.planner.core.goals.stairs import path_to_floor_goal
+from surveilnav.services.planner.core.options.option import Option
+
+
+def frontiers(context: StepContext) -> list[Option]:
+    """The frontiers that can be reached without narrow gaps. A robot on its way to another floor doesn't explore on the way."""
+    if path_to_floor_goal(context) is not None:
+        return []
+    return _options(context, split_by_access(context)[0])
+
+
+def constrained_frontiers(context: StepContext) -> list[Option]:
+    """All frontiers, also those that only narrow gaps lead to: for when nothing else is left."""
+    return _options(context, available_frontiers(context))
+
+
+def by_chance_per_metre(context: StepContext, found: Sequence[Frontier]) -> list[RatedFrontier]:
+    """Our ``FrontierRule``: the chance that exploring a frontier finds the target, for each metre of the way there and beyond."""
+    config = context.config
+    ranked, by_value = rank(found, context.maps, context.state.target, config)
+    why = "by value" if by_value else "nearest"
+    return [
+        RatedFrontier(f, config.explore_chance * f.relative_chance, config.explore_chance * f.score, why)
+        for f in ranked
+    ]
+
+
+def only(context: StepContext, chosen: Frontier, compared: Sequence[Frontier], why: str) -> list[RatedFrontier]:
+    """The answer of a ``FrontierRule`` that chooses one frontier without saying what it is worth.
+
+    It gets the chance of any frontier, so that it can be compared with objects; the others are never chosen.
+    """
+    chance = context.config.explore_chance
+    worth = chance / (chosen.travel_time_m + context.config.explore_cost_m)
+    return [RatedFrontier(f, chance, worth if f is chosen else 0.0, why) for f in compared]
+
+
+def _options(context: StepContext, found: Sequence[Frontier]) -> list[Option]:
+    rated = context.rule(context, found)
+    current = current_frontier(context, [r.frontier for r in rated], 1.5 * context.config.same_place_m)
+    return [_option(context, r, is_current=r.frontier is current) for r in rated]
+
+
+def _option(context: StepContext, rated: RatedFrontier, *, is_current: bool) -> Option:
+    f = rated.frontier
+    return Option(
+        "frontier",
+        f.x_m,
+        f.y_m,
+        rated.chance,
+        f.travel_time_m + context.config.explore_cost_m,
+        rated.utility,
+        f"{rated.why}, {f.travel_time_m:.1f} m",
+        frontier=f,
+        is_current=is_current,
+    )
