@@ -49,7 +49,7 @@ class FrontierRule(Protocol):
 class StepContext:
     """Everything that is known at this step.
 
-    Asking it never changes anything. ``state`` is the step's own copy; behaviours and stages change it through the methods of
+    Asking it never changes anything. ``state`` is the step's own copy; what the robot does changes it through the methods of
     ``MissionState``. ``travel_time_m``: from the robot to every cell of the terrain, in metres of comfortable free space.
     ``retries_blacklisted``: nothing else is left, so only what is blacklisted permanently counts as blacklisted.
     """
@@ -122,10 +122,8 @@ class StepContext:
 
     def is_blacklisted(self, x_m: float, y_m: float, *, confirmed: bool = False) -> bool:
         """Whether the robot leaves a place alone because it failed to reach it. ``confirmed``: a confirmed target is there."""
-        state, config = self.state, self.config
-        if self.retries_blacklisted:
-            return state.here.blacklist.contains_permanently(x_m, y_m, config, confirmed=confirmed)
-        return state.here.blacklist.contains(x_m, y_m, state.step, config, confirmed=confirmed)
+        permanently = self.retries_blacklisted
+        return self.state.is_blacklisted(x_m, y_m, self.config, confirmed=confirmed, permanently=permanently)
 
     def area_at(self, x_m: float, y_m: float) -> str:
         """The name of the keepout zone or closed passage at a place; empty if there is none."""

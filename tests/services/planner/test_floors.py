@@ -6,15 +6,19 @@ import math
 from dataclasses import replace
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from surveilnav.services.planner.core.stages import last_resort as stage
-from surveilnav.services.planner.core.stages.stage import RETRY
 
-from surveilnav.services.planner.core import FloorMemory, MissionState, PlannerConfig
+from surveilnav.geometry import Grid
+from surveilnav.messages import Stair
+from surveilnav.services.planner.core import FloorMaps, FloorMemory, MissionState, PlannerConfig, RobotView
+from surveilnav.services.planner.core.context import StepContext
 from surveilnav.services.planner.core.goals.floors import chance_here
-from surveilnav.services.planner.core.goals.stairs import PathToFloor
+from surveilnav.services.planner.core.motion.drive import FmmPlanner
+from surveilnav.services.planner.core.options.frontiers import by_chance_per_metre
+from surveilnav.services.planner.core.options.last_resort import last_resort
 
 #: A hall with a side room; ``C`` a thing in it. The stair's end is at (6.1, 0.9).
 FLOOR = """
@@ -30,9 +34,10 @@ FLOOR = """
 """
 EMPTY = FLOOR.replace("C", " ")
 END = (6.1, 0.9)
+GRID = Grid(0.0, 0.0, 0.05, 100, 100)
 SEEN = {"0": {}, "1": {"chair": 0.7}}
 #: Exploring is never worth more than what was seen, however far it is.
-GOES = PlannerConfig(objects_first=True)
+GOES = PlannerConfig(choice="paper")
 
 
 @pytest.fixture
@@ -253,16 +258,19 @@ def test_the_best_of_what_was_dismissed_on_another_floor(world, house, thing):
 
 
 @pytest.mark.parametrize(("accepted", "goes"), [(None, False), (3, True)])
-def test_what_was_accepted_in_vain_holds_nobody_back(monkeypatch, accepted, goes):
+def test_what_was_accepted_in_vain_holds_nobody_back(accepted, goes):
     """The better candidate was here; once it was tried, the weaker one on the other floor is next."""
     state = MissionState("chair", floor="0")
     state.here.best_remaining_chance, state.here.accepted_object = 0.4, accepted
     state.floors["1"] = FloorMemory(best_remaining_chance=0.35, visits=1, is_searched=True)
-    monkeypatch.setattr(stage, "paths_to_floors", lambda context: {"1": PathToFloor(3.0, None)})
-    monkeypatch.setattr(stage, "likeliest_last_resort", lambda context: None)
-    outcome = stage.last_resort(SimpleNamespace(state=state, config=PlannerConfig()))
-    assert (outcome is RETRY) == goes
-    assert (state.floor_goal is not None) == goes
+    explored = np.ones(GRID.shape, np.uint8)
+    unknown = np.full(GRID.shape, np.nan, np.float32)
+    maps = FloorMaps("0", 0.0, GRID, np.zeros_like(explored), explored, np.zeros_like(explored), unknown, [], 1)
+    stairs = Stair(floor="0", at_m=(3.0, 3.0, 0.0), to_floor="1", to_m=(3.0, 3.0, 3.0), length_m=4.0)
+    robot = RobotView(0, 1.0, 1.0, 0.0, 0.0, "0", False, None, 0.0, (stairs,))
+    context = StepContext.from_inputs(state, maps, robot, PlannerConfig(), FmmPlanner(), {}, by_chance_per_metre)
+    options = last_resort(context)
+    assert [(o.kind, o.floor_goal.to_floor, o.chance) for o in options] == [("stairs", "1", 0.35)] * goes
 
 
 def test_a_floor_that_no_way_leads_to_hides_no_other(two_floors):

@@ -10,17 +10,14 @@ from types import SimpleNamespace
 import msgspec
 import numpy as np
 import pytest
-from surveilnav.services.planner.core.goals.frontier_choice import best_frontier
-from surveilnav.services.planner.core.goals.object_choice import likeliest_last_resort, promising_object
-from surveilnav.services.planner.core.stages import objects as object_stages
-from surveilnav.services.planner.core.stages.objects import promising_candidate
 
 from surveilnav.geometry import Grid
-from surveilnav.messages import Candidate
+from surveilnav.messages import Candidate, Stair
 from surveilnav.occupancy import PRIOR_FREE
 from surveilnav.services.planner.core import FloorMaps, MissionState, PlannerConfig, RobotView, step
 from surveilnav.services.planner.core.behaviours.approach_object import _describe, approach_object
 from surveilnav.services.planner.core.behaviours.follow_route import follow_route
+from surveilnav.services.planner.core.choice import Choice, choose
 from surveilnav.services.planner.core.context import StepContext
 from surveilnav.services.planner.core.goals import goal_region as regions
 from surveilnav.services.planner.core.goals import objects
@@ -33,6 +30,10 @@ from surveilnav.services.planner.core.memory.floor_memory import DismissedObject
 from surveilnav.services.planner.core.memory.waypoint import CurrentWaypoint
 from surveilnav.services.planner.core.motion.drive import Route
 from surveilnav.services.planner.core.motion.terrain import build_terrain, coarse_travel_time_m
+from surveilnav.services.planner.core.options.candidates import promising_candidates
+from surveilnav.services.planner.core.options.confirmed_objects import confirmed_objects
+from surveilnav.services.planner.core.options.frontiers import by_chance_per_metre
+from surveilnav.services.planner.core.options.last_resort import accepted_object, last_resort
 
 CONFIG = PlannerConfig()
 HALL = """
@@ -144,13 +145,15 @@ def test_given_up_twice_is_for_good():
     state.blacklist_place(1.0, 1.0, CONFIG)
     assert state.is_blacklisted(1.1, 1.0, CONFIG)
     assert not state.is_blacklisted(2.0, 1.0, CONFIG)
-    assert state.release_blacklisted()
+    assert state.here.blacklist.is_waiting(state.step)
+    assert not state.is_blacklisted(1.0, 1.0, CONFIG, permanently=True)
+    state.step += CONFIG.blacklist_steps
     assert not state.is_blacklisted(1.0, 1.0, CONFIG)
+    assert not state.here.blacklist.is_waiting(state.step)
     state.blacklist_place(1.05, 1.0, CONFIG)
-    state.release_blacklisted()
+    state.step += CONFIG.blacklist_steps
     assert state.is_blacklisted(1.0, 1.0, CONFIG)
     assert not state.is_blacklisted(1.0, 1.0, CONFIG, confirmed=True)  # a confirmed target has more tries
-    assert not state.release_blacklisted()
 
 
 @pytest.mark.parametrize(
@@ -397,7 +400,7 @@ def test_exploring_near_by_may_be_worth_more_than_a_faint_candidate_far_away(mak
     here = RobotView(1, 1.0, 1.0, 0.0, 0.0, "0", False, None, 0.0)
     assert step(state, m, here, PlannerConfig())[1].phase == ("approaching" if first == "far" else "exploring")
     assert step(state, m, here, PlannerConfig(explore_chance=1.0))[1].phase == "exploring"
-    assert step(state, m, here, PlannerConfig(objects_first=True))[1].phase == "approaching"
+    assert step(state, m, here, PlannerConfig(choice="paper"))[1].phase == "approaching"
 
 
 class Routes:
@@ -417,7 +420,7 @@ def test_a_way_that_turns_out_longer_gets_new_patience_but_not_for_ever(detours,
     lengths_m = [5.0 + 10.0 * k + 0.01 * i for k in range(detours + 1) for i in range(n)]
     m = maps([(100, c) for c in range(90, 110)])
     state = MissionState("chair")
-    context = StepContext.from_inputs(state, m, HERE, CONFIG, Routes(lengths_m), {}, best_frontier)
+    context = StepContext.from_inputs(state, m, HERE, CONFIG, Routes(lengths_m), {}, by_chance_per_metre)
     state.commit_to(Candidate("frontier", 5.0, 5.0, 0.0, True, ""), CONFIG)
     gone = []
     for _ in lengths_m:
@@ -428,20 +431,26 @@ def test_a_way_that_turns_out_longer_gets_new_patience_but_not_for_ever(detours,
     assert (not gone) == kept
 
 
+def objects_of(context):
+    return [option.record for option in confirmed_objects(context) + promising_candidates(context)]
+
+
 def context_with(record, state):
-    return StepContext.from_inputs(state, maps(objects=[record]), HERE, CONFIG, Routes([]), {}, best_frontier)
+    return StepContext.from_inputs(state, maps(objects=[record]), HERE, CONFIG, Routes([]), {}, by_chance_per_metre)
 
 
 @pytest.mark.parametrize(("share", "kept"), [(0.5, False), (0.9, True), (1.5, True)])
-def test_the_way_to_the_stairs_is_left_only_for_what_is_clearly_worth_more(make_record, monkeypatch, share, kept):
+def test_the_way_to_the_stairs_is_left_only_for_what_is_clearly_worth_more(make_record, share, kept):
     """``share``: what the way to the stairs is worth of what the candidate is."""
-    monkeypatch.setattr(object_stages, "approach_object", lambda context, record, choice: record)
     candidate = make_record(at=(5.0, 5.0), confidence=0.3, n_detections=3)
-    alone = promising_object(context_with(candidate, MissionState("chair")))
-    state = MissionState("chair", floor_goal=FloorGoal("1", "cameras", share * alone.utility))
-    assert promising_candidate(context_with(candidate, state)) is candidate  # not on the way yet
+    alone = choose(context_with(candidate, MissionState("chair"))).chosen
+    state = MissionState("chair", floor="0", floor_goal=FloorGoal("1", "cameras", share * alone.utility))
+    state.here.is_searched = True
+    stairs = Stair(floor="0", at_m=(9.0, 9.0, 0.0), to_floor="1", to_m=(9.0, 9.0, 3.0), length_m=4.0)
+    context = replace(context_with(candidate, state), robot=replace(HERE, stairs=(stairs,)))
+    assert choose(context).chosen.record is (None if share > 1.0 else candidate)  # not on the way yet
     state.waypoint = CurrentWaypoint("stairs", 9.0, 9.0, None, 0)
-    assert (promising_candidate(context_with(candidate, state)) is None) == kept
+    assert (choose(context).chosen.kind == "stairs") == kept
 
 
 @pytest.mark.parametrize(("status", "tries"), [("candidate", 2), ("confirmed", 4)])
@@ -450,9 +459,9 @@ def test_a_confirmed_target_is_tried_again_more_often(make_record, status, tries
     state = MissionState("chair")
     for n in range(1, tries + 1):
         state.blacklist_place(5.0, 5.0, CONFIG)
-        assert promising_object(context_with(record, state)) is None  # for now
+        assert objects_of(context_with(record, state)) == []  # for now
         state.step += CONFIG.blacklist_steps
-        assert (promising_object(context_with(record, state)) is None) == (n == tries)
+        assert objects_of(context_with(record, state)) == [record] * (n < tries)
 
 
 def test_the_floor_at_its_foot_is_no_part_of_an_object(make_record):
@@ -533,23 +542,25 @@ def test_the_likeliest_that_a_way_leads_to_is_the_last_resort(make_record):
     state.here.dismissed[2], state.here.oscillations[2] = DismissedObject(7.0, 1.0, "not confirmed"), 5
     state.blacklist_place(7.0, 1.0, CONFIG)
     m = maps(objects=[walled, second, third], occupancy=walls)
-    context = StepContext.from_inputs(state, m, HERE, CONFIG, Routes([]), {}, best_frontier)
+    context = StepContext.from_inputs(state, m, HERE, CONFIG, Routes([]), {}, by_chance_per_metre)
 
     def accept():
-        return state.accept_last_resort(likeliest_last_resort(context), CONFIG)
+        """What is accepted now; None: nothing new."""
+        options = last_resort(context)
+        if options:
+            state.apply(Choice(options[0], tuple(options)), CONFIG)
+        return state.here.accepted_object if options else None
 
     assert objects.last_resorts(m.objects, state, CONFIG)[0] is walled
-    assert accept()
-    assert state.here.accepted_object == 2
-    assert promising_object(context).record is second, "neither the blacklist nor oscillating holds it back"
-    assert not accept(), "no news"
+    assert accept() == 2
+    assert choose(context).chosen.record is second, "neither the blacklist nor oscillating holds it back"
+    assert accept() is None, "no news"
     for _ in range(2):
         state.blacklist_place(7.0, 1.0, CONFIG)
-    assert accept()
-    assert state.here.accepted_object == 3, "what was given up for good makes room for the next"
+    assert accept() == 3, "what was given up for good makes room for the next"
     m.objects.remove(third)
-    assert not accept()
-    assert state.here.accepted_object is None, "it was merged into another"
+    assert accept() is None, "it was merged into another"
+    assert accepted_object(context) == []
 
 
 @pytest.mark.parametrize("judged_before", [False, True])
@@ -562,11 +573,13 @@ def test_a_last_resort_is_judged_once(make_record, judged_before):
     if judged_before:
         state.here.dismissed[record.id] = DismissedObject(6.0, 1.0, "not confirmed")
     context = context_with(record, state)
-    assert (approach_object(context, record, promising_object(context).choice) is None) is not judged_before
+    choice = choose(context)
+    assert choice.chosen.is_accepted
+    state.apply(choice, CONFIG)
+    assert (approach_object(context, choice.chosen) is None) is not judged_before
     assert state.here.accepted_object == (record.id if judged_before else None)
     assert record.id in state.here.dismissed
-    assert state.accept_last_resort(likeliest_last_resort(context), CONFIG) is False
-    assert state.here.accepted_object == (record.id if judged_before else None)
+    assert last_resort(context) == []
 
 
 def test_the_last_resort_may_stand_where_nobody_has_looked(make_record):

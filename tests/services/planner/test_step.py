@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import itertools
 import math
+import sys
 
 import msgspec
 import numpy as np
 import pytest
-from surveilnav.services.planner.core.stages import rounds
-from surveilnav.services.planner.core.stages.stage import RETRY
 
 from surveilnav.services.planner.core import MissionState, PlannerConfig, step
 
@@ -262,10 +261,8 @@ def test_path_never_crosses_known_obstacles(world):
     world(TWO_ROOMS).run(watch=watch)
 
 
-def test_a_stage_that_retries_without_end_is_a_bug_that_ends(monkeypatch):
-    def stubborn(context):
-        return RETRY
-
-    monkeypatch.setattr(rounds, "ROUNDS", ((stubborn,),))
-    with pytest.raises(RuntimeError, match="stubborn"):
-        rounds.first_decision(None)
+def test_an_option_that_fails_without_end_is_a_bug_that_ends(world, monkeypatch):
+    """A behaviour that can't do anything about its option, and doesn't record that."""
+    monkeypatch.setitem(sys.modules[step.__module__].BEHAVIOURS, "frontier", lambda context, option: None)
+    with pytest.raises(RuntimeError, match="chosen without end"):
+        world(TWO_ROOMS).run()

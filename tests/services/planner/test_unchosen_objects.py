@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from surveilnav.services.planner.core.goals.frontier_choice import best_frontier
-from surveilnav.services.planner.core.goals.unchosen_objects import unchosen_objects
 
 from surveilnav.messages import Candidate
 from surveilnav.services.planner.core import MissionState, PlannerConfig, step
 from surveilnav.services.planner.core.context import StepContext
 from surveilnav.services.planner.core.memory.floor_memory import DismissedObject
 from surveilnav.services.planner.core.motion.drive import FmmPlanner
+from surveilnav.services.planner.core.options.frontiers import by_chance_per_metre
+from surveilnav.services.planner.core.options.unchosen_objects import unchosen_objects
 
 CONFIG = PlannerConfig()
 HALL = """
@@ -33,7 +33,7 @@ def hall(world):
 def told(hall, objects, state=None, known=()):
     state = state or MissionState("chair", floor="0")
     maps = replace(hall.maps(), objects=objects)
-    context = StepContext.from_inputs(state, maps, hall.robot(), CONFIG, FmmPlanner(), {}, best_frontier)
+    context = StepContext.from_inputs(state, maps, hall.robot(), CONFIG, FmmPlanner(), {}, by_chance_per_metre)
     return unchosen_objects(context, known)
 
 

@@ -43,9 +43,9 @@ class Frontier:
     n_cells: int
     travel_time_m: float
     value: float = math.nan
-    relative_chance: float = 1.0
     score: float = 0.0
     hidden_m2: float = math.nan
+    relative_chance: float = 1.0
 
 
 def find_frontiers(

@@ -270,6 +270,14 @@ class MissionState:
         oscillations[object_id] = oscillations.get(object_id, 0) + 1
         self.waypoint = None
 
+    def is_blacklisted(
+        self, x_m: float, y_m: float, config: PlannerConfig, *, confirmed: bool = False, permanently: bool = False
+    ) -> bool:
+        """Whether a place on this floor is blacklisted now, or ``permanently``. ``confirmed``: a confirmed target is there."""
+        if permanently:
+            return self.here.blacklist.contains_permanently(x_m, y_m, config, confirmed=confirmed)
+        return self.here.blacklist.contains(x_m, y_m, self.step, config, confirmed=confirmed)
+
     def blacklist_place(self, x_m: float, y_m: float, config: PlannerConfig, *, failures: int | None = None) -> None:
         """Blacklists a place on this floor and stops heading for the waypoint; see ``Blacklist.add``."""
         self.waypoint = None

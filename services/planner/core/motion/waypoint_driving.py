@@ -1,6 +1,6 @@
 """Planning for a robot that drives to waypoints by itself: where it is to drive, and when a new waypoint replaces the old one.
 
-The stages decide as they do for a robot of discrete actions. Here a route becomes the pose at its end, and a turn becomes a pose
+The choice is made as it is for a robot of discrete actions. Here a route becomes the pose at its end, and a turn becomes a pose
 on the spot. The robot's own navigation (such as Nav2) finds the way, and is in charge of collisions.
 """
 

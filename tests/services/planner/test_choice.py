@@ -1,0 +1,171 @@
+"""The decision: which of the options is chosen, and that asking changes nothing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from surveilnav.services.planner.core import MissionState, PlannerConfig
+from surveilnav.services.planner.core import choice as decisions
+from surveilnav.services.planner.core.choice import Choice, choose, highest_utility, papers_order
+from surveilnav.services.planner.core.context import StepContext
+from surveilnav.services.planner.core.memory.waypoint import CurrentWaypoint
+from surveilnav.services.planner.core.motion.drive import FmmPlanner
+from surveilnav.services.planner.core.options.frontiers import by_chance_per_metre, only
+from surveilnav.services.planner.core.options.option import Option
+
+CONFIG = PlannerConfig()
+KINDS = ("target", "candidate", "stairs", "frontier")
+ROOMS = """
+##########################################
+#                   #                    #
+#                   #              CC    #
+#                   #              CC    #
+#                                        #
+#   R               #                    #
+#                   #                    #
+##########################################
+"""
+
+
+def option(kind="frontier", utility=0.1, **more):
+    return Option(kind, 0.0, 0.0, utility, 1.0, utility, "", **more)
+
+
+options = st.lists(
+    st.builds(
+        option,
+        kind=st.sampled_from(KINDS),
+        utility=st.floats(0.001, 1.0),
+        is_current=st.booleans(),
+    ),
+    min_size=1,
+    max_size=8,
+)
+
+
+@given(options)
+def test_the_highest_utility_wins_unless_the_current_one_is_nearly_as_good(proposed):
+    """Against the rule written out, option by option."""
+    chosen = highest_utility(proposed, CONFIG)
+    most = max(o.utility for o in proposed)
+    current = [o.utility for o in proposed if o.is_current]
+    keeps = bool(current) and most <= CONFIG.switch_ratio * max(current)
+    assert chosen.utility == (max(current) if keeps else most)
+    assert chosen.is_current or not keeps
+
+
+@given(options)
+def test_the_papers_order_compares_only_within_the_first_kind(proposed):
+    chosen = papers_order(proposed, CONFIG.changed(switch_ratio=1.0))
+    first = next(kind for kind in KINDS if any(o.kind == kind for o in proposed))
+    assert chosen.kind == first
+    assert chosen.utility == max(o.utility for o in proposed if o.kind == first)
+
+
+def test_an_accepted_last_resort_comes_first_in_either_order():
+    accepted = option("candidate", 1.0, is_accepted=True)
+    among = [option("target", 0.3), accepted, option("frontier", 0.2)]
+    assert highest_utility(among, CONFIG) is accepted
+    assert papers_order(among, CONFIG) is accepted
+
+
+def context_of(world, state, config=CONFIG, rule=by_chance_per_metre, **changes):
+    maps = replace(world.maps(), **changes)
+    return StepContext.from_inputs(state, maps, world.robot(), config, FmmPlanner(), {}, rule)
+
+
+def test_asking_changes_nothing_at_any_step_of_a_search(world, thing):
+    """What was remembered before the choice is remembered after it, and a second choice is the same."""
+    w = world(ROOMS, {"C": thing("chair", looks_like="chair", known={"label": "chair", "confidence": 0.3})})
+    kinds = set()
+
+    def watch(maps, robot, state, decision):
+        context = StepContext.from_inputs(state, maps, robot, CONFIG, FmmPlanner(), {}, by_chance_per_metre)
+        before = state.to_json()
+        choice = choose(context)
+        assert state.to_json() == before
+        assert choose(context) == choice
+        if choice is not None:
+            kinds.add(choice.chosen.kind)
+            assert choice.compared[0] is choice.chosen
+            assert len({id(o) for o in choice.compared}) == len(choice.compared)
+
+    w.run(watch=watch)
+    assert {"frontier", "candidate"} <= kinds
+
+
+def test_what_is_shown_has_chance_cost_and_utility(world):
+    """The numbers by which options are compared are those that people see."""
+    shown = []
+    world(ROOMS).run(max_steps=40, watch=lambda m, r, s, d: shown.extend(d.candidates))
+    assert {c.kind for c in shown} >= {"frontier"}
+    for c in shown:
+        assert c.cost_m > 0.0
+        assert 0.0 <= c.chance <= 1.0
+        assert c.score == pytest.approx(c.chance / c.cost_m)
+
+
+def test_what_is_blacklisted_for_a_while_is_tried_before_the_floor_counts_as_searched(world):
+    """The only frontier failed once: nothing else is left, so it is tried again at once; after a second failure it isn't."""
+    w = world(ROOMS)
+    state = MissionState("chair", floor="0")
+    context = context_of(w, state)
+    assert [o.kind for o in choose(context).compared] == ["frontier"] * len(choose(context).compared)
+    for o in choose(context).compared:
+        state.blacklist_place(o.x_m, o.y_m, CONFIG)
+    again = choose(context)
+    assert again.chosen.kind == "frontier"
+    assert again.searched_chance is None
+    for o in again.compared:
+        state.blacklist_place(o.x_m, o.y_m, CONFIG)
+    after = choose(context)
+    assert after.chosen.kind == "second_look"
+    assert after.searched_chance == 0.0
+
+
+@pytest.mark.parametrize(("known_utility", "left"), [(0.02, True), (10.0, False)])
+def test_an_object_that_exploring_outdoes_counts_as_oscillating(make_record, known_utility, left):
+    record = make_record(id=4, at=(3.0, 3.0))
+    state = MissionState("chair", floor="0", waypoint=CurrentWaypoint("candidate", 3.0, 3.0, None, 0, object_id=4))
+    here = option("candidate", known_utility, record=record, is_current=True)
+    among = [here, option("frontier", 0.1)]
+    state.apply(Choice(highest_utility(among, CONFIG), tuple(among)), CONFIG)
+    assert state.here.oscillations == ({4: 1} if left else {})
+    assert state.waypoint.kind == ("frontier" if left else "candidate")
+
+
+def test_an_object_that_is_no_option_any_more_counts_as_oscillating(make_record):
+    """It isn't promising any more, and another one is: the robot goes there, and knows that it was sent to and fro."""
+    state = MissionState("chair", floor="0", waypoint=CurrentWaypoint("candidate", 3.0, 3.0, None, 0, object_id=4))
+    other = option("candidate", 0.1, record=make_record(id=5, at=(8.0, 3.0)))
+    state.apply(Choice(other, (other,)), CONFIG)
+    assert state.here.oscillations == {4: 1}
+    assert state.waypoint.object_id == 5
+
+
+def test_a_rule_that_chooses_one_frontier_has_it_compared_with_objects(world, make_record):
+    """It is worth what any frontier at its distance is; the others aren't explored, however near they are."""
+
+    def farthest(context, found):
+        chosen = max(found, key=lambda f: f.travel_time_m)
+        return only(context, chosen, found, "farthest")
+
+    w = world(ROOMS)
+    state = MissionState("chair", floor="0")
+    rated = choose(context_of(w, state, rule=farthest))
+    far_m = max(o.cost_m for o in rated.compared)
+    assert rated.chosen.cost_m == far_m
+    assert rated.chosen.utility == pytest.approx(CONFIG.explore_chance / far_m)
+    near = make_record(at=(w.x + 1.0, w.y), confidence=0.15, n_detections=3)
+    assert choose(context_of(w, state, rule=farthest, objects=[near])).chosen.record == near
+
+
+def test_every_kind_of_option_has_a_behaviour():
+    from surveilnav.services.planner.core.options.option import OptionKind
+    from surveilnav.services.planner.core.step import BEHAVIOURS
+
+    assert set(BEHAVIOURS) == set(OptionKind.__args__) == set(decisions._PAPERS_ORDER)
