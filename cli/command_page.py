@@ -23,7 +23,7 @@ SHAPES: dict[str, str] = {
     "find": "`Mission`, when it has ended",
     "missions": "items: `Mission`",
     "missions show": "`Mission`",
-    "missions plan": "`MissionPlan`",
+    "missions why": "`MissionPlan`",
     "missions cancel": "`Mission`",
     "missions pause": "`Mission`",
     "missions resume": "`Mission`",

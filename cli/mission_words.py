@@ -96,7 +96,9 @@ def show_plan(plan: MissionPlan, console: Console) -> None:
     columns = (
         Column("weighed", lambda p: (p.kind if p.object_id is None else f"{p.kind} {p.object_id}", _style(p))),
         Column("at", lambda p: ", ".join("?" if v is None else f"{v:.1f}" for v in (p.x_m, p.y_m)), "number"),
-        Column("score", lambda p: "" if p.score is None else f"{p.score:.3g}", "number"),
+        Column("chance", lambda p: "" if p.chance is None else f"{p.chance:.0%}", "number"),
+        Column("way", lambda p: metres(p.cost_m), "number"),
+        Column("utility", lambda p: "" if p.utility is None else f"{p.utility:.3g}", "number"),
         Column("note", lambda p: (("chosen: " if p.chosen else "") + p.note, _style(p)), "note"),
     )
     listing(console, columns, plan.candidates)

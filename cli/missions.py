@@ -79,8 +79,8 @@ def show(id: Id, url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
 
 
 @app.command()
-def plan(id: Id, url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
-    """Show what the next waypoint was compared with, and why it was chosen."""
+def why(id: Id, url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
+    """Show what the robot could do next, with chance, cost and utility of each option, and why it does what it does."""
     from surveilnav.cli.mission_words import show_plan
 
     with gateway(url) as asked:

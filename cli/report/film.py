@@ -239,7 +239,7 @@ def _camera(info: CameraInfo, record: RunRecord) -> dict[str, Any]:
 def _plan(plan: Plan) -> dict[str, Any]:
     """As ``GET /api/v1/missions/{id}/plan`` tells of it: the chosen place first, then the best."""
     w = plan.waypoint if plan.waypoint is not None and _is_place(plan.waypoint) else None
-    places = sorted((c for c in plan.candidates if _is_place(c)), key=lambda c: (not c.chosen, -c.score))
+    places = sorted((c for c in plan.candidates if _is_place(c)), key=lambda c: (not c.chosen, -c.utility))
     return {
         "why": plan.why[:_WHY_CHARS],
         "waypoint": _candidate(w) if w else None,
@@ -253,7 +253,9 @@ def _candidate(c: Candidate) -> dict[str, Any]:
         "kind": c.kind,
         "x_m": round(c.x_m, 2),
         "y_m": round(c.y_m, 2),
-        "score": float(f"{c.score:.2g}"),
+        "chance": None if c.chance is None else round(c.chance, 3),
+        "cost_m": None if c.cost_m is None else round(c.cost_m, 1),
+        "utility": float(f"{c.utility:.2g}"),
         "note": c.note[:_NOTE_CHARS],
         "chosen": c.chosen,
         "object_id": c.object_id,
@@ -261,7 +263,7 @@ def _candidate(c: Candidate) -> dict[str, Any]:
 
 
 def _is_place(c: Candidate) -> bool:
-    return _finite(c.x_m, c.y_m, c.score)
+    return _finite(c.x_m, c.y_m, c.utility)
 
 
 def _simplified(path_m: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:

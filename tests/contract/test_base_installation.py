@@ -28,7 +28,7 @@ ASKING = {
     "find": ["find", "tv"],
     "missions": ["missions"],
     "missions show": ["missions", "show", "m1"],
-    "missions plan": ["missions", "plan", "m1"],
+    "missions why": ["missions", "why", "m1"],
     "missions cancel": ["missions", "cancel", "m1"],
     "missions pause": ["missions", "pause", "m1"],
     "missions resume": ["missions", "resume", "m1"],

@@ -95,11 +95,11 @@ def _add_candidate(entity: SceneEntity, candidate: Candidate, z_m: float, *, cho
     place = upright_pose(candidate.x_m, candidate.y_m, z_m)
     size = Vector3(x=size_m, y=size_m, z=size_m)
     entity.spheres.append(SpherePrimitive(pose=place, size=size, color=to_colour(rgb, 0.8)))
-    entity.texts.append(
-        text_label(
-            f"{candidate.kind} {candidate.score:.2f}", upright_pose(candidate.x_m, candidate.y_m, z_m + 0.25), rgb
-        )
-    )
+    worth = f"{candidate.utility:.3g}"
+    if candidate.chance is not None and candidate.cost_m is not None:
+        worth = f"{candidate.chance:.0%} in {candidate.cost_m:.1f} m"
+    above = upright_pose(candidate.x_m, candidate.y_m, z_m + 0.25)
+    entity.texts.append(text_label(f"{candidate.kind} {worth}", above, rgb))
 
 
 def _entity(id: str, stamp_ns: int) -> SceneEntity:

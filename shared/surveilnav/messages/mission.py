@@ -99,14 +99,14 @@ class Candidate(msgspec.Struct, frozen=True):
     """An option of the planner: its kind, (x, y) in the world, utility, and why it was chosen or not.
 
     Attributes:
-        score: its utility, by which options are compared.
+        utility: what options are compared by: usually ``chance / cost_m``.
         chance: that the target is found there, 0 to 1. ``cost_m``: the expected way until then, in metres.
     """
 
     kind: Literal["target", "candidate", "frontier", "stairs", "second_look"]
     x_m: float
     y_m: float
-    score: float
+    utility: float = msgspec.field(name="score")  # as in recordings of version 0.1
     chosen: bool = False
     note: str = ""
     object_id: int | None = None

@@ -75,12 +75,16 @@ class Mission(Resource):
 
 
 class Place(BaseModel):
-    """A place that the planner weighed as its next waypoint."""
+    """Something that the planner weighed as the robot's next waypoint."""
 
     kind: str
     x_m: Number
     y_m: Number
-    score: Number = Field(description="of an object its chance per metre; of a frontier its rank's score")
+    chance: Number = Field(description="that the target is found there, 0 to 1")
+    cost_m: Number = Field(
+        description="expected way until then, in metres: the way there, and what looking or exploring there takes"
+    )
+    utility: Number = Field(description="what options are compared by: usually chance / cost_m; the highest is chosen")
     chosen: bool
     note: str = Field(description="why it was chosen, or why it wasn't")
     object_id: int | None

@@ -65,7 +65,7 @@ def test_a_mission_is_shown_paused_resumed_and_cancelled(typed, mission):
     assert (code, mission in out) == (0, True)
     assert mission in typed("missions", "show", mission)[1]
     assert json.loads(typed("missions", "show", mission, "--json")[1])["id"] == mission
-    assert json.loads(typed("missions", "plan", mission, "--json")[1])["mission"] == mission
+    assert json.loads(typed("missions", "why", mission, "--json")[1])["mission"] == mission
     assert typed("missions", "pause", mission, "--reason", "lunch")[:2] == (0, f"{mission}: paused\n")
     assert json.loads(typed("missions", "resume", mission, "--json")[1])["state"] == "active"
     assert typed("missions", "cancel", mission)[:2] == (0, f"{mission}: cancelled\n")
