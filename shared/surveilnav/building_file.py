@@ -9,14 +9,12 @@ import math
 from pathlib import Path
 from typing import Annotated, Literal
 
-import yaml
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 from surveilnav.contract import ID_PATTERN
-from surveilnav.errors import ConfigError
 from surveilnav.geometry.polygon import MAX_CORNERS, polygon_fault
 from surveilnav.robot_file import FrameEntry
-from surveilnav.yaml_file import compose, line_of, plain
+from surveilnav.yaml_file import read_table
 
 #: No building reaches farther from its origin.
 _MAX_M = 1e5
@@ -101,17 +99,8 @@ def load_building(path: Path, text: str | None = None) -> BuildingFile:
     Raises:
         ConfigError: it can't be read or used; the message names the line.
     """
-    root = compose(path, "building file", text)
-    if not isinstance(root, yaml.MappingNode):
-        raise ConfigError(f"{path}: expected a table that begins with `building:`; the file is empty or something else")
-    try:
-        read = BuildingFile.model_validate(plain(root))
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"])
-        raise ConfigError(f"{path}, line {line_of(root, first['loc'])}: {where}: {first['msg']}") from None
-    except ValueError as error:
-        raise ConfigError(f"{path}: {error}") from None
+    expected = "a table that begins with `building:`; the file is empty or something else"
+    read, _ = read_table(path, "building file", BuildingFile, expected, text)
     return _with_absolute_paths(read, path.resolve().parent)
 
 

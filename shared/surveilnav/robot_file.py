@@ -6,15 +6,14 @@ import math
 from pathlib import Path
 from typing import Annotated, Literal
 
-import yaml
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from surveilnav import robot_body
 from surveilnav.contract import ID_PATTERN
 from surveilnav.errors import ConfigError
 from surveilnav.robot_frame import PlanarTransform
 from surveilnav.storage import atomic_write
-from surveilnav.yaml_file import compose, line_of, plain
+from surveilnav.yaml_file import read_table
 
 
 def _finite(value: float) -> float:
@@ -127,17 +126,8 @@ def load_robot(path: Path, text: str | None = None) -> RobotFile:
     Raises:
         ConfigError: it can't be read or used; the message names the line.
     """
-    root = compose(path, "robot file", text)
-    if not isinstance(root, yaml.MappingNode):
-        raise ConfigError(f"{path}: expected a table that begins with `router:`; the file is empty or something else")
-    try:
-        return RobotFile.model_validate(plain(root))
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"])
-        raise ConfigError(f"{path}, line {line_of(root, first['loc'])}: {where}: {first['msg']}") from None
-    except ValueError as error:
-        raise ConfigError(f"{path}: {error}") from None
+    expected = "a table that begins with `router:`; the file is empty or something else"
+    return read_table(path, "robot file", RobotFile, expected, text)[0]
 
 
 def write_frame(path: Path, T_building_map: PlanarTransform) -> None:

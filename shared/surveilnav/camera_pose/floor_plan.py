@@ -14,12 +14,12 @@ from typing import Annotated, TypeVar
 
 import cv2
 import numpy as np
-import yaml
 from numpy.typing import NDArray
-from pydantic import AllowInfNan, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AllowInfNan, BaseModel, ConfigDict, Field
+from pydantic_core import ErrorDetails
 
 from surveilnav.errors import ConfigError
-from surveilnav.yaml_file import compose, line_of, plain
+from surveilnav.yaml_file import line_of, read_table
 
 _MAX_BYTES = 256 << 20
 _Finite = Annotated[float, AllowInfNan(False)]
@@ -113,25 +113,13 @@ def read_plan_file(path: Path, what: str, model: type[_File]) -> tuple[_File, in
     Raises:
         ConfigError: it can't be read, or has mistakes; the first is named at its line.
     """
-    root = compose(path, what)
-    if not isinstance(root, yaml.MappingNode):
-        raise ConfigError(f"{path}: expected a table with image, resolution and origin (Nav2's map.yaml)")
-    try:
-        entry = model.model_validate(plain(root))
-    except ValidationError as error:
-        raise ConfigError(f"{path}, line {_line(root, error)}: {_sentence(error)}") from None
-    except ValueError as error:
-        raise ConfigError(f"{path}: {error}") from None
+    expected = "a table with image, resolution and origin (Nav2's map.yaml)"
+    entry, root = read_table(path, what, model, expected, fault=_fault)
     return entry, line_of(root, ("image",))
 
 
-def _line(root: yaml.Node, error: ValidationError) -> int:
-    return line_of(root, error.errors()[0]["loc"])
-
-
-def _sentence(error: ValidationError) -> str:
-    first = error.errors()[0]
-    where = str(first["loc"][0]) if first["loc"] else "the file"
+def _fault(error: ErrorDetails) -> str:
+    where = str(error["loc"][0]) if error["loc"] else "the file"
     expected = {
         "image": "the plan's picture, such as `image: ground.png`",
         "resolution": "the plan's scale: how many metres a pixel is wide, such as `resolution: 0.05`. To find it, divide the "
@@ -139,8 +127,8 @@ def _sentence(error: ValidationError) -> str:
         "origin": "where the picture's lower left corner lies in the building (x [m], y [m], yaw [rad]), such as "
         "`origin: [-3.5, 0.0, 0.0]`",
     }
-    arrived = "is missing" if first["type"] == "missing" else f"is {first['input']!r}, which doesn't fit"
-    return f"{where} {arrived}: expected {expected.get(where, first['msg'])}"
+    arrived = "is missing" if error["type"] == "missing" else f"is {error['input']!r}, which doesn't fit"
+    return f"{where} {arrived}: expected {expected.get(where, error['msg'])}"
 
 
 def read_plan_picture(plan: Path, image: str, line: int) -> tuple[Path, NDArray[np.uint8]]:

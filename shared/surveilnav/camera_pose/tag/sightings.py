@@ -9,15 +9,14 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
-from pydantic import AllowInfNan, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AllowInfNan, BaseModel, ConfigDict, Field
 
 from surveilnav.camera_pose.tag.detection import TAGS
 from surveilnav.contract import ID_PATTERN
 from surveilnav.errors import ConfigError
 from surveilnav.storage import atomic_write
-from surveilnav.yaml_file import compose, line_of, plain
+from surveilnav.yaml_file import line_of, read_table
 
 _Finite = Annotated[float, AllowInfNan(False)]
 _Id = Annotated[str, Field(pattern=ID_PATTERN)]
@@ -87,19 +86,8 @@ def load_sightings(path: Path) -> Sightings:
     Raises:
         ConfigError: it can't be read or has mistakes; each is named at its line.
     """
-    root = compose(path, "file of sightings")
-    if not isinstance(root, yaml.MappingNode):
-        raise ConfigError(f"{path}: expected a table with tag and stops; the file is empty or something else")
-    try:
-        entry = SightingsFile.model_validate(plain(root))
-    except ValidationError as error:
-        faults = [
-            f"{path}, line {line_of(root, e['loc'])}: {'.'.join(map(str, e['loc']))}: {e['msg']}"
-            for e in error.errors()
-        ]
-        raise ConfigError("\n".join(faults[:20])) from None
-    except ValueError as error:
-        raise ConfigError(f"{path}: {error}") from None
+    expected = "a table with tag and stops; the file is empty or something else"
+    entry, root = read_table(path, "file of sightings", SightingsFile, expected, max_faults=20)
     stops = [
         Stop(
             stop.robot,
