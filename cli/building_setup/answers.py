@@ -9,12 +9,13 @@ import re
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, TypeAdapter, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 from surveilnav.contract import ID_PATTERN
-from surveilnav.robot_file import Finite, FrameEntry
+from surveilnav.file_entry import Entry, Finite
+from surveilnav.robot_file import FrameEntry
 from surveilnav.yaml_file import read_table
 
 
@@ -54,8 +55,8 @@ SizePx = Annotated[
 Frame = Annotated[FrameEntry, BeforeValidator(_frame)]
 
 
-class _Answers(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, coerce_numbers_to_str=True)
+class _Answers(Entry):
+    model_config = ConfigDict(coerce_numbers_to_str=True)
 
 
 class FloorAnswers(_Answers):

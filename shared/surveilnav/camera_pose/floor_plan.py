@@ -15,14 +15,13 @@ from typing import Annotated, TypeVar
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AllowInfNan, BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 from pydantic_core import ErrorDetails
 
 from surveilnav.errors import ConfigError
 from surveilnav.yaml_file import line_of, read_table
 
 _MAX_BYTES = 256 << 20
-_Finite = Annotated[float, AllowInfNan(False)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,8 +70,8 @@ class PlanFile(BaseModel):
     model_config = ConfigDict(extra="ignore", frozen=True)
 
     image: str = Field(min_length=1)
-    resolution: Annotated[_Finite, Field(gt=0, le=10)]
-    origin: tuple[_Finite, _Finite] | tuple[_Finite, _Finite, _Finite] = (0.0, 0.0, 0.0)
+    resolution: Annotated[FiniteFloat, Field(gt=0, le=10)]
+    origin: tuple[FiniteFloat, FiniteFloat] | tuple[FiniteFloat, FiniteFloat, FiniteFloat] = (0.0, 0.0, 0.0)
     negate: bool = False
     occupied_thresh: Annotated[float, Field(gt=0, lt=1)] = 0.65
     floor: str = ""

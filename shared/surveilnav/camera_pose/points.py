@@ -9,33 +9,33 @@ from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AllowInfNan, BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, FiniteFloat, model_validator
 from pydantic_core import ErrorDetails
 
 from surveilnav.camera_pose.floor_plan import FloorPlan, load_floor_plan
 from surveilnav.contract import ID_PATTERN
 from surveilnav.errors import ConfigError
+from surveilnav.file_entry import Entry
 from surveilnav.storage import atomic_write
 from surveilnav.yaml_file import line_of, read_table
-
-_Finite = Annotated[float, AllowInfNan(False)]
-
 
 #: Of a file.
 MAX_POINTS = 500
 
 
-class _Entry(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class ClickedPoint(_Entry):
+class ClickedPoint(Entry):
     """A point that was clicked in the picture, and where it is in the building."""
 
-    px: tuple[_Finite, _Finite] = Field(description="(u, v) in the camera's picture as it comes from the stream")
-    plan_px: tuple[_Finite, _Finite] | None = Field(None, description="(column, row) in the plan's picture; or `xy_m`")
-    xy_m: tuple[_Finite, _Finite] | None = Field(None, description="(x, y) [m] in the building's frame; or `plan_px`")
-    z_m: Annotated[_Finite, Field(ge=-20, le=50)] = Field(0.0, description="height above the camera's floor [m]")
+    px: tuple[FiniteFloat, FiniteFloat] = Field(
+        description="(u, v) in the camera's picture as it comes from the stream"
+    )
+    plan_px: tuple[FiniteFloat, FiniteFloat] | None = Field(
+        None, description="(column, row) in the plan's picture; or `xy_m`"
+    )
+    xy_m: tuple[FiniteFloat, FiniteFloat] | None = Field(
+        None, description="(x, y) [m] in the building's frame; or `plan_px`"
+    )
+    z_m: Annotated[FiniteFloat, Field(ge=-20, le=50)] = Field(0.0, description="height above the camera's floor [m]")
 
     @model_validator(mode="after")
     def _one_place(self) -> ClickedPoint:
@@ -44,7 +44,7 @@ class ClickedPoint(_Entry):
         return self
 
 
-class ClicksFile(_Entry):
+class ClicksFile(Entry):
     """The file of one camera's clicks."""
 
     camera: str = Field(pattern=ID_PATTERN, description="the camera's name in cameras.yaml")
