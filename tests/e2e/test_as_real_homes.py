@@ -14,13 +14,12 @@ from surveilnav.cli.hardware import Hardware
 from surveilnav.cli.replay.check import check
 from surveilnav.contract import MISSION_PLAN, RECORDINGS, VIEW_LOG
 from surveilnav.messages import FINISHED_STATES
-from surveilnav.robot_state import RobotState
-from surveilnav.ros2.session import RosSession
 from surveilnav.services.recorder.recorded import RecordedMessage, read_recording
 from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings
 from surveilnav.simulator.world.goals import find_goals, judge, sample_start
 from tests.e2e.conftest import System, starting
 from tests.e2e.test_as_real import REFUSAL
+from tests.robot_hardware import true_state
 from tests.waiting import until
 
 pytestmark = pytest.mark.slow
@@ -76,16 +75,10 @@ def test_a_home_is_searched_and_the_whole_search_recorded(
     home: tuple[System, Hardware, SimulatedBuilding, str],
 ) -> None:
     system, hardware, building, target = home
-    came: list = []
-    with RosSession("judge", router=hardware.ros_router) as session:
-        session.subscribe("/ground_truth", "nav_msgs/msg/Odometry", came.append)
-        system.search(target)
-        status = system.wait(lambda s: s.state in FINISHED_STATES, 300.0)
+    system.search(target)
+    status = system.wait(lambda s: s.state in FINISHED_STATES, 300.0)
     assert (status.state, status.found) == ("done", True), status
-    pose = came[-1].data.pose.pose
-    yaw_rad = 2 * math.atan2(pose.orientation.z, pose.orientation.w)
-    floor = came[-1].data.header.frame_id.rpartition("/")[2]
-    stands = RobotState(pose.position.x, pose.position.y, 0.0, floor, yaw_rad, stopped=True)
+    stands = true_state(hardware.ros_router)
     goals = find_goals(building.scene, building.navigation, target, caster=building.caster)
     assert judge(goals, stands, shortest_path_m=0.0).distance_to_viewpoint_m < 0.5, "in truth"
     _check_recording(system)
