@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -48,8 +47,7 @@ def home(
         made = SimulatedBuilding(SimulationSettings(building=building, cameras=n_cameras))
         goals = find_goals(made.scene, made.navigation, target, caster=made.caster)
         start = sample_start(made.scene, made.navigation, goals, seed=0, caster=made.caster)
-        place = f"{start.p_m[0]!r},{start.p_m[1]!r},{start.floor},{math.degrees(start.yaw_rad)!r}"
-        environ.setenv("SURVEILNAV_ROBOT_HARDWARE__START", place)
+        environ.setenv("SURVEILNAV_ROBOT_HARDWARE__START", start.setting())
         environ.setenv("SURVEILNAV_SIM__BUILDING", building)
         environ.setenv("SURVEILNAV_SIM__CAMERAS", str(n_cameras))
         with (
