@@ -142,24 +142,25 @@ def read_plan_picture(plan: Path, image: str, line: int) -> tuple[Path, NDArray[
     """
     try:
         path = plan.parent / Path(image).expanduser()
-        return path, _pixels(plan, path, line)
-    except (OSError, ValueError, RuntimeError) as error:  # no name of a file, or of a user's folder
+        if not path.is_file():
+            raise ConfigError(f"there is no file {path}; its path is relative to {plan.name}")
+        return path, read_picture(path)
+    except (ConfigError, OSError, ValueError, RuntimeError) as error:  # also no name of a file, or of a user's folder
         raise ConfigError(f"{plan}, line {line}: image: {error}") from None
 
 
-def _pixels(plan: Path, path: Path, line: int) -> NDArray[np.uint8]:
+def read_picture(path: Path) -> NDArray[np.uint8]:
+    """The pixels (height, width[, channels]) of a plan's picture as OpenCV reads them. ConfigError: it can't be read."""
     if not path.is_file():
-        raise ConfigError(f"{plan}, line {line}: image: there is no file {path}; its path is relative to {plan.name}")
+        raise ConfigError(f"there is no file {path}")
     if path.stat().st_size > _MAX_BYTES:
-        raise ConfigError(f"{plan}, line {line}: image: {path} has more than {_MAX_BYTES >> 20} MiB")
+        raise ConfigError(f"{path} has more than {_MAX_BYTES >> 20} MiB")
     try:
         picture = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     except cv2.error:  # more pixels than OpenCV reads
         picture = None
     if picture is None:
-        raise ConfigError(
-            f"{plan}, line {line}: image: {path} isn't a picture that can be read; save the plan as PNG, PGM or JPEG"
-        )
+        raise ConfigError(f"{path} isn't a picture that can be read; save the plan as PNG, PGM or JPEG")
     if picture.dtype == np.uint16:
         picture = (picture >> 8).astype(np.uint8)
     return np.asarray(picture)
