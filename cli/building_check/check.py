@@ -96,8 +96,8 @@ def _check_robot(
             return ""
         return f"outside the plan of floor {robot.floor} ({extent}): measure T_building_map (surveilnav robots frame {where})"
 
-    for found in check_robot(robot, seconds, fault_of):
-        findings.append(Finding(f"robot {name}, {found.part}", "ok" if found.ok else "problem", found.message))
+    for check in check_robot(robot, seconds, fault_of):
+        findings.append(Finding(f"robot {name}, {check.part}", "ok" if check.ok else "problem", check.message))
     return findings
 
 
