@@ -14,7 +14,7 @@ from surveilnav.cli.building_check.system_check import check_system
 from surveilnav.cli.finding import Finding
 from surveilnav.cli.perception_check import check_weights
 from surveilnav.cli.robot_check import check_robot
-from surveilnav.cli.stream_look import at_once, deadline_s
+from surveilnav.cli.stream_probe import at_once, deadline_s
 from surveilnav.errors import ConfigError
 from surveilnav.robot_file import RobotFile
 
