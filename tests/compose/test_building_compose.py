@@ -15,14 +15,13 @@ import numpy as np
 import pytest
 import yaml
 
-from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings
-from tests import rendered_streams, streams
+from surveilnav.simulator.simulation import SimulatedBuilding
+from tests import rendered_streams
 from tests.compose.stack import ROOT, UP_S, Stack, host_as_containers_see_it, missing
 from tests.robot_hardware import Hardware, in_map, robot_hardware, true_state
 from tests.waiting import until
 
 pytestmark = [pytest.mark.compose, pytest.mark.slow, pytest.mark.timeout(UP_S + 600)]
-BUILDING, VIEWS = "parametric_flat", [("c0-1", 8), ("c0-1", 2)]
 
 
 def surveilnav(*arguments: str) -> subprocess.CompletedProcess[str]:
@@ -48,15 +47,12 @@ def site(tmp_path_factory: pytest.TempPathFactory, home_cache: Path) -> Iterator
     with pytest.MonkeyPatch.context() as environ:
         environ.setenv("SURVEILNAV_CACHE_DIR", str(home_cache))
         environ.setenv("SURVEILNAV_SIM__LIGHTING", "baked")
-        building = SimulatedBuilding(SimulationSettings(building=BUILDING, cameras=1))
-        building.prepare()
-        rendered_streams.write_streams(building, VIEWS, videos)
         with (
-            streams.rtsp_server(videos, host) as (address, _),
-            robot_hardware(videos, BUILDING, start="6.67,6.08,0,30", host=host) as robot,
+            rendered_streams.served(videos, host) as streams,
+            robot_hardware(videos, rendered_streams.BUILDING, start="6.67,6.08,0,30", host=host) as robot,
         ):
             answers = videos / "answers.yaml"
-            answers.write_text(yaml.safe_dump(answers_of(building, videos, address, robot.router)))
+            answers.write_text(yaml.safe_dump(answers_of(streams, videos, robot.router)))
             done = surveilnav("init", str(folder), "--answers", str(answers))
             assert done.returncode == 0, done.stdout + done.stderr
             measure_frame(folder / "robots" / "r1.yaml")
@@ -69,10 +65,10 @@ def site(tmp_path_factory: pytest.TempPathFactory, home_cache: Path) -> Iterator
                 yield site
 
 
-def answers_of(building: SimulatedBuilding, folder: Path, address: str, router: str) -> dict[str, Any]:
+def answers_of(streams: rendered_streams.Streams, folder: Path, router: str) -> dict[str, Any]:
     """What somebody who has measured everything answers."""
-    file = yaml.safe_load(rendered_streams.cameras_yaml(building, VIEWS, address))
-    write_map(building, folder)
+    file = yaml.safe_load(streams.cameras_yaml())
+    write_map(streams.building, folder)
     cameras = [
         {
             "name": camera["name"],

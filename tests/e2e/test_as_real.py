@@ -15,16 +15,14 @@ import pytest
 from surveilnav.bus.router import free_port
 from surveilnav.contract import MISSION_PLAN, ROBOT_STATUS
 from surveilnav.messages import FINISHED_STATES, RobotStatus
-from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings
 from surveilnav.simulator.world.goals import find_goals, judge
-from tests import rendered_streams, streams
+from tests import rendered_streams
 from tests.e2e.conftest import System, starting
 from tests.robot_hardware import Hardware, robot_hardware, true_state
 from tests.waiting import until
 
 #: Has Python refuse to import the simulator (``sitecustomize``).
 REFUSAL = Path(__file__).parent / "without_simulator"
-BUILDING, VIEWS = "parametric_flat", [("c0-1", 8), ("c0-1", 2)]
 
 
 @dataclass
@@ -42,17 +40,14 @@ def real(tmp_path_factory: pytest.TempPathFactory, home_cache: Path) -> Iterator
     with pytest.MonkeyPatch.context() as environ:
         environ.setenv("SURVEILNAV_CACHE_DIR", str(home_cache))
         environ.setenv("SURVEILNAV_SIM__LIGHTING", "baked")
-        building = SimulatedBuilding(SimulationSettings(building=BUILDING, cameras=1))
-        building.prepare()
-        rendered_streams.write_streams(building, VIEWS, folder)
         with (
-            streams.rtsp_server(folder) as (address, _),
-            robot_hardware(folder, BUILDING, start="6.67,6.08,0,30") as robot,
+            rendered_streams.served(folder) as streams,
+            robot_hardware(folder, rendered_streams.BUILDING, start="6.67,6.08,0,30") as robot,
             starting(tmp_path_factory.mktemp("system"), home_cache) as start,
         ):
             environ.setenv("PYTHONPATH", str(REFUSAL))
             file = folder / "cameras.yaml"
-            file.write_text(rendered_streams.cameras_yaml(building, VIEWS, address))
+            file.write_text(streams.cameras_yaml())
             yield Real(
                 start(
                     cameras=1,
