@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import time
 import uuid
 from dataclasses import dataclass
@@ -151,7 +150,7 @@ def _variables(options: DemoOptions, start: Start, run_dir: Path) -> dict[str, s
         state=run_dir / "state",
         cameras_everywhere=options.cameras_everywhere,
         recordings=options.runs / "recordings",
-        robot_start=f"{start.p_m[0]!r},{start.p_m[1]!r},{start.floor},{math.degrees(start.yaw_rad)!r}",
+        robot_start=start.setting(),
     )
 
 
