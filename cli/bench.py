@@ -64,6 +64,9 @@ def run(
     perception: Annotated[
         str, typer.Option(help="Perception backend: simulated, oracle, compact or onnx-coco.")
     ] = "simulated",
+    camera_perception: Annotated[
+        str, typer.Option(help="oracle: the cameras have a perfect detector, a bound; by default they have --perception.")
+    ] = "",
     density: Annotated[int, typer.Option(help="One camera for this many square metres of floor: 100 or 200.")] = 100,
     views: Annotated[str, typer.Option(help="Views of a camera: panoramic (360 degrees) or half (180).")] = "panoramic",
     camera_depth: CameraDepth = "sensor",
@@ -91,6 +94,7 @@ def run(
         localisation=_parse_localisation_errors(localisation),
         surveillance=_on(surveillance),
         perception=perception,  # type: ignore[arg-type]
+        camera_perception=camera_perception,  # type: ignore[arg-type]
         density_m2=density,
         views=views,  # type: ignore[arg-type]
         camera_depth=camera_depth,  # type: ignore[arg-type]

@@ -4,23 +4,26 @@ from __future__ import annotations
 
 import copy
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import groupby
 
 import numpy as np
 
+from surveilnav.benchmark.play.approach import Approach, approach_of
 from surveilnav.benchmark.play.cameras import Cameras, InvokedCameras
 from surveilnav.benchmark.play.motion import Drive, LocalisationError, motion_of
 from surveilnav.benchmark.play.sight import ROBOT, SeenView, Sight, text_as_sent
 from surveilnav.benchmark.policies.policy import Searcher
+from surveilnav.messages import ObjectRecord
 from surveilnav.perception.prompts import value_prompt
 from surveilnav.robot_state import RobotState
 from surveilnav.sensing.views import PosedView
-from surveilnav.services.fusion.core import FusionConfig, JointMap
+from surveilnav.services.fusion.core import FusionConfig, JointMap, active_cameras
 from surveilnav.services.fusion.core.removal import Contribution, sources_to_remove, without
 from surveilnav.services.fusion.core.views.validation import ViewError
 from surveilnav.services.planner.core import Decision, FloorMaps, RobotView
+from surveilnav.services.planner.core.goals.objects import chance
 from surveilnav.services.robot_node.core import status_message
 from surveilnav.simulator.world import robot_motion
 from surveilnav.simulator.world.goals import Goals, Start, Verdict, judge
@@ -38,7 +41,7 @@ class EpisodeResult:
 
     ``seen``: an object of the target's class lies in the joint maps where a goal is, confirmed or not.
     ``summary_bytes``: what each camera offered so that a floor could be chosen. ``trajectory``: (x, y, yaw) after every
-    action, ``trajectory_floors`` the floor of each.
+    action, ``trajectory_floors`` the floor of each. ``approach``: how near it came to a goal, and when.
     """
 
     verdict: Verdict
@@ -51,6 +54,7 @@ class EpisodeResult:
     robot_bytes: int
     camera_bytes: dict[str, int]
     seen: bool
+    approach: Approach
     trajectory: list[tuple[float, float, float]] = field(default_factory=list)
     trajectory_floors: list[str] = field(default_factory=list)
     summary_bytes: dict[str, int] = field(default_factory=dict)
@@ -70,11 +74,21 @@ class FusedCameras:
 
     def maps_of(self, names: tuple[str, ...]) -> JointMap:
         """Maps of one's own that hold the views of these cameras and nothing else."""
+        return copy.deepcopy(self._kept_maps(names))
+
+    def chance_at_goal(self, goals: Goals, floor_z_m: float) -> float:
+        """What the cameras of a floor know before a robot moves: the highest chance that the maps of their views alone give an
+        object at a goal of being the target; 0: there is no such object, or it was rejected."""
+        names = tuple(active_cameras([floor_z_m], self._sight.infos, self._config.map.tau_z_m))
+        joint = _without_wrong_sources(self._kept_maps(names))
+        return max((chance(o, goals.label) for o in _objects_at(goals, joint) if o.status != "rejected"), default=0.0)
+
+    def _kept_maps(self, names: tuple[str, ...]) -> JointMap:
         if names not in self._kept:
             joint = JointMap(self._config)
             _integrate(joint, self._sight, names)
             self._kept[names] = joint
-        return copy.deepcopy(self._kept[names])
+        return self._kept[names]
 
 
 class Episode:
@@ -130,6 +144,8 @@ class Episode:
         self._refused = False  # whether the robot refused the last action: then that wasn't its last
         self._trajectory: list[tuple[float, float, float]] = []
         self._floors: list[str] = []
+        self._path_m: list[float] = []
+        self._left_m: list[float] = []  # shortest paths to the nearest viewpoint
         self._record_place()
 
     def run(self) -> EpisodeResult:
@@ -162,8 +178,7 @@ class Episode:
             floor = _integrate_view(self._joint, view)
             if view is seen:
                 self._floor = floor or self._floor
-        for source in sources_to_remove(self._joint):
-            self._joint = without(self._joint, Contribution(source))
+        self._joint = _without_wrong_sources(self._joint)
         maps = floor_maps(
             _maps_with_floor(self._joint, self._floor, seen.view), self._floor, self._text, self._embedding_model
         )
@@ -189,6 +204,8 @@ class Episode:
         state = self._motion.state
         self._trajectory.append((state.x_m, state.y_m, state.yaw_rad))
         self._floors.append(state.floor)
+        self._path_m.append(state.path_m)
+        self._left_m.append(self._goals.field.at(state.p_world, state.floor))
 
     def _result(self, joint: JointMap, decision: Decision) -> EpisodeResult:
         verdict = judge(self._goals, self._motion.state, shortest_path_m=self._start.shortest_path_m)
@@ -205,10 +222,18 @@ class Episode:
             robot_bytes=self._robot_bytes,
             camera_bytes=dict(self._cameras.offered_bytes),
             seen=seen,
+            approach=approach_of(self._path_m, self._left_m),
             trajectory=self._trajectory,
             trajectory_floors=self._floors,
             summary_bytes={name: self._sight.summary(name)[1] for name in cameras},
         )
+
+
+def _without_wrong_sources(joint: JointMap) -> JointMap:
+    """The maps without what cameras contributed whose poses turned out to be wrong."""
+    for source in sources_to_remove(joint):
+        joint = without(joint, Contribution(source))
+    return joint
 
 
 def _integrate(joint: JointMap, sight: Sight, names: tuple[str, ...]) -> None:
@@ -290,13 +315,14 @@ def reason_of(verdict: Verdict, decision: Decision, seen: bool, goals: Goals, fl
 
 
 def _was_seen(joint: JointMap, goals: Goals) -> bool:
-    """Whether an object that was ever taken for the target has its centre in a goal's box, give or take 0.3 m."""
+    """Whether an object that was ever taken for the target lies at a goal."""
+    return any(record.label_scores.get(goals.label, 0.0) > 0.0 for record in _objects_at(goals, joint))
+
+
+def _objects_at(goals: Goals, joint: JointMap) -> Iterator[ObjectRecord]:
+    """The objects of the maps that have their centre in a goal's box, give or take 0.3 m."""
+    boxes = [(np.array(g.p_min) - 0.3, np.array(g.p_max) + 0.3) for g in (*goals.instances, *goals.unreachable)]
     for floor in joint.floors:
         for record in joint.objects(floor):
-            if record.label_scores.get(goals.label, 0.0) <= 0.0:
-                continue
-            for goal in (*goals.instances, *goals.unreachable):
-                low, high = np.array(goal.p_min) - 0.3, np.array(goal.p_max) + 0.3
-                if np.all((low <= record.center_m) & (record.center_m <= high)):
-                    return True
-    return False
+            if any(np.all((low <= record.center_m) & (record.center_m <= high)) for low, high in boxes):
+                yield record

@@ -180,21 +180,24 @@ class Sight:
         camera_depth: CameraDepth = "sensor",
         view_bytes: ViewBytes = NOT_MEASURED,
         words: Sequence[str] = TARGETS,
+        camera_backend: Backend | None = None,
     ) -> None:
         """``plan``: the building's own unless given. ``scale``: of ``depth``, full resolution divided by this.
         ``pose_error``: how wrong the cameras are about where they hang. ``camera_depth``: what
         the cameras' pictures have of depth. ``view_bytes``: of ``depth``, by camera what each
         of its views takes (``offered_views``). ``words``: what a detector with an open vocabulary looks for, the targets of
-        all episodes, since views are perceived once."""
+        all episodes, since views are perceived once. ``camera_backend``: what looks at the cameras' views; None: ``backend``."""
         if way == "depth" and not backend.needs_truth:
             raise ValueError(f"{backend.name} looks at pixels: it needs way='pixels'")
         self.building, self.backend, self.way = building, backend, way
+        self._camera_backend = camera_backend or backend
         self._plan = plan or building.plan
         self._half, self._scale = views == "half", scale if way == "depth" else 1
         self._view_bytes, self._words, self._camera_depth = view_bytes, tuple(words), camera_depth
         self._error = {c.name: pose_error.drawn(c.name, building.settings.seed) for c in self._plan.cameras}
         self._cameras = {camera.name: camera for camera in self._plan.cameras}
-        self._labels = building.scene.truth_labels if backend.needs_truth else {}
+        is_told = backend.needs_truth or self._camera_backend.needs_truth
+        self._labels = building.scene.truth_labels if is_told else {}
         self.infos = [self._info(camera) for camera in self._plan.cameras]
         self.camera = lru_cache(maxsize=None)(self._camera)
         self.summary = lru_cache(maxsize=None)(self._summary)
@@ -330,11 +333,12 @@ class Sight:
         """What perception says of a view; None for one that looks straight down, which detectors can't read."""
         if looks_straight_down(view.T_world_camera):
             return None
+        backend = self.backend if view.is_robot else self._camera_backend
         told = TrueInstances(rendered.instance_ids, self._labels, view.T_world_camera)
-        truth = told if self.backend.needs_truth else None
+        truth = told if backend.needs_truth else None
         depth_m = measured_depth_m(view.depth_m, view.depth_source)
-        seen = self.backend.perceive(view.rgb, depth_m, view.camera, prompts=self._words, truth=truth, key=key)
-        return _as_sent(seen, view, self.backend.models)
+        seen = backend.perceive(view.rgb, depth_m, view.camera, prompts=self._words, truth=truth, key=key)
+        return _as_sent(seen, view, backend.models)
 
     def _depth(
         self, T_world_camera: Matrix4, camera: Pinhole, range_m: tuple[float, float], noise: DepthNoise, *name: object

@@ -1,10 +1,11 @@
-"""Ways to search, all on the same joint maps: ours, those of others by their papers' facts, and an upper bound."""
+"""Ways to search, all on the same joint maps: ours, those of others by their papers' facts, and upper bounds."""
 
 from __future__ import annotations
 
 from surveilnav.benchmark.policies.apexnav import APEXNAV
 from surveilnav.benchmark.policies.frontier import FRONTIER
 from surveilnav.benchmark.policies.l3mvn import L3MVN, L3MVN_VERIFIED
+from surveilnav.benchmark.policies.perfect_frontiers import PERFECT_FRONTIERS
 from surveilnav.benchmark.policies.policy import Policy, Searcher, Task, Truth
 from surveilnav.benchmark.policies.random_places import RANDOM_SAMPLES, RANDOM_WALK
 from surveilnav.benchmark.policies.shortest_path import SHORTEST_PATH
@@ -25,6 +26,7 @@ POLICIES: dict[str, Policy] = {
         L3MVN,
         L3MVN_VERIFIED,
         APEXNAV,
+        PERFECT_FRONTIERS,
         SHORTEST_PATH,
     )
 }

@@ -15,7 +15,7 @@ from surveilnav.simulator.world.navigation import NavigationMap
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Truth:
-    """The simulator's own truth, which only the upper bound may see."""
+    """The simulator's own truth, which only upper bounds may see."""
 
     goals: Goals
     navigation: NavigationMap

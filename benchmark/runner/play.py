@@ -65,20 +65,22 @@ class ScenePlayer:
         label, seed = self._data.label_of(episode), seed_of(s.seed, self._data.record.scene, episode.episode_id)
         if label not in self._goals:
             self._goals[label] = self._data.goals(label, building.scene, building.navigation)
-        goals = self._goals[label]
+        goals, start = self._goals[label], start_of(episode, building.scene)
         outcome = search(
             self._sight,
             s,
             goals,
-            start_of(episode, building.scene),
+            start,
             seed=seed,
             goal_on_floor=True,  # Habitat's rule, and the dataset's
             fused=self._fused,
             on_step=on_step,
         )
-        return self._record(episode, outcome)
+        floor_z_m = building.navigation.floors[start.floor].z_m
+        known = self._fused.chance_at_goal(goals, floor_z_m) if s.surveillance else None
+        return self._record(episode, outcome, known)
 
-    def _record(self, episode: HabitatEpisode, outcome: EpisodeResult) -> EpisodeRecord:
+    def _record(self, episode: HabitatEpisode, outcome: EpisodeResult, camera_chance: float | None) -> EpisodeRecord:
         verdict = outcome.verdict
         tiers = {"jpeg+depth": sum(outcome.camera_bytes.values()), "summaries": sum(outcome.summary_bytes.values())}
         return EpisodeRecord(
@@ -96,6 +98,8 @@ class ScenePlayer:
             seen=outcome.seen,
             bytes=tiers if self._settings.surveillance else {},
             seconds=outcome.seconds,
+            approach=outcome.approach,
+            camera_chance=camera_chance,
         )
 
 

@@ -17,13 +17,15 @@ import msgspec
 
 from surveilnav.benchmark import journal
 from surveilnav.benchmark.runner.basis import Basis
-from surveilnav.benchmark.runner.row import HEADER, EpisodeRecord, key_of_row, record_of_row, row_of
+from surveilnav.benchmark.runner.row import HEADER, OLD_HEADER, EpisodeRecord, key_of_row, record_of_row, row_of
 from surveilnav.benchmark.runner.settings import RunSettings
 from surveilnav.errors import ConfigError
 from surveilnav.perception import models
 from surveilnav.perception.names import BackendName
 
-VERSION = 4
+VERSION = 5
+#: The version before, which is still read. Its rows don't say what a search's loss is explained by, so no run goes on in it.
+OLD_VERSION = 4
 SETTINGS_FILE, SEARCHES_FILE, BROKEN_FILE = "settings.json", "searches.csv", "broken.jsonl"
 _MOVE_AWAY = "move it away and run again: the searches are then played anew"
 
@@ -52,9 +54,9 @@ class Records:
             raise ConfigError(f"{folder} can't be made a folder for a run: {error.strerror}") from error
         with _using(folder), journal.locked(self.path):
             there = read_facts(folder)
-            if not self.path.exists():
+            if not self.path.exists() or not _rows(folder):
                 journal.rewrite(self.path, [HEADER])
-            if there is not None and _are(there, settings, basis):
+            if there is not None and there.get("version") == VERSION and _are(there, settings, basis):
                 return
             if _rows(folder):
                 difference = _difference(there, settings, basis)
@@ -140,7 +142,7 @@ def read(folder: Path) -> list[EpisodeRecord]:
     facts = read_facts(folder)
     if facts is None or not path.exists():
         raise ConfigError(f"{folder} holds no run: expected the files {SETTINGS_FILE} and {SEARCHES_FILE}")
-    if (version := facts.get("version")) != VERSION:
+    if (version := facts.get("version")) not in (VERSION, OLD_VERSION):
         raise ConfigError(f"{path} is of version {version}, expected {VERSION}: read it with the program that wrote it")
     try:
         with _using(folder):
@@ -185,12 +187,13 @@ def write_facts(folder: Path, facts: dict[str, Any]) -> None:
 
 
 def _are(facts: dict[str, Any], settings: RunSettings, basis: Basis) -> bool:
-    """Whether facts are those of this run; a setting that they don't say yet has its default."""
+    """Whether facts are those of this run, in whatever version that is read; a setting that they don't say yet has its default."""
     try:
         said = msgspec.convert(facts.get("settings"), RunSettings)
     except msgspec.ValidationError:
         return False
-    return facts | {"settings": said} == facts_of(settings, basis) | {"settings": settings}
+    version = {"version": facts.get("version") if facts.get("version") == OLD_VERSION else VERSION}
+    return facts | {"settings": said} == facts_of(settings, basis) | {"settings": settings} | version
 
 
 def _difference(there: dict[str, Any] | None, settings: RunSettings, basis: Basis) -> str:
@@ -219,7 +222,7 @@ def _rows(folder: Path) -> Sequence[str]:
     """The table without its header. ConfigError: it has none. OSError."""
     path = folder / SEARCHES_FILE
     header, *rows = journal.lines(path) or [""]
-    if header != HEADER:
+    if header not in (HEADER, OLD_HEADER):
         raise ConfigError(f"{path} is damaged: its first line is {header[:40]!r}, expected {HEADER!r}; {_MOVE_AWAY}")
     return rows
 

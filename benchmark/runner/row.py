@@ -8,6 +8,8 @@ import zlib
 
 import msgspec
 
+from surveilnav.benchmark.play.approach import Approach
+
 #: How a tier of the cameras' bytes is called, and its column.
 _TIERS = {"jpeg+depth": "frame_bytes", "summaries": "summary_bytes"}
 _COLUMNS = (
@@ -25,9 +27,12 @@ _COLUMNS = (
     "seen",
     *_TIERS.values(),
     "seconds",
-    "crc32",
 )
-HEADER = ",".join(_COLUMNS)
+#: What a search's loss is explained by: how near it came to a goal, and what cameras knew before it began.
+EXPLAINING = (*Approach.__struct_fields__, "camera_chance")
+HEADER = ",".join((*_COLUMNS, *EXPLAINING, "crc32"))
+#: The header of tables that older programs wrote. They lack the columns ``EXPLAINING``.
+OLD_HEADER = ",".join((*_COLUMNS, "crc32"))
 
 
 class EpisodeRecord(msgspec.Struct, frozen=True, kw_only=True):
@@ -53,6 +58,8 @@ class EpisodeRecord(msgspec.Struct, frozen=True, kw_only=True):
     seen: bool
     bytes: dict[str, int]
     seconds: float
+    approach: Approach | None = None
+    camera_chance: float | None = None
 
     @property
     def key(self) -> tuple[str, str]:
@@ -61,8 +68,13 @@ class EpisodeRecord(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def row_of(record: EpisodeRecord) -> str:
-    """A record as it is kept: shares and metres in millionths, seconds in tenths."""
+    """A record as it is kept: shares and metres in millionths, seconds in tenths, what explains it in thousandths.
+
+    ValueError: a tier without a column, or a record that says nothing of its approach.
+    """
     r = record
+    if r.approach is None:
+        raise ValueError(f"the search {r.key} doesn't say how near it came to a goal: it was read from an older table")
     if unknown := r.bytes.keys() - _TIERS.keys():
         raise ValueError(f"the table has columns for the tiers {', '.join(_TIERS)}, not for {min(unknown)!r}")
     distance = "" if r.distance_m is None else round(r.distance_m, 6)
@@ -83,6 +95,7 @@ def row_of(record: EpisodeRecord) -> str:
             int(r.seen),
             *(r.bytes.get(tier, "") for tier in _TIERS),
             round(r.seconds, 1),
+            *("" if v is None else round(v, 3) for v in (*msgspec.structs.astuple(r.approach), r.camera_chance)),
         ]
     )
     return f"{text.getvalue()},{_checksum(text.getvalue())}"
@@ -94,7 +107,10 @@ def record_of_row(row: str) -> EpisodeRecord:
     if _checksum(text) != checksum:
         raise ValueError(f"the checksum of {row[:60]!r} is {_checksum(text)}, it says {checksum!r}")
     (values,) = csv.reader([text])
-    facts = dict(zip(_COLUMNS[:-1], values, strict=True))
+    is_old = len(values) == len(_COLUMNS)
+    facts = dict(zip(_COLUMNS if is_old else (*_COLUMNS, *EXPLAINING), values, strict=True))
+    near = {name: float(facts[name]) if facts[name] else None for name in EXPLAINING if not is_old}
+    camera_chance = near.pop("camera_chance", None)
     return EpisodeRecord(
         scene=facts["scene"],
         episode_id=facts["episode_id"],
@@ -110,6 +126,8 @@ def record_of_row(row: str) -> EpisodeRecord:
         seen=facts["seen"] == "1",
         bytes={tier: int(facts[name]) for tier, name in _TIERS.items() if facts[name]},
         seconds=float(facts["seconds"]),
+        approach=None if is_old else Approach(**near),
+        camera_chance=camera_chance,
     )
 
 

@@ -25,6 +25,8 @@ class RunSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     """The same settings on the same dataset give the same table.
 
     Attributes:
+        camera_perception: ``oracle``: the cameras have a perfect detector, and the robot has ``perception``. That is a bound, no
+            method. Empty: all have ``perception``.
         density_m2: square metres of floor for a camera; one of the dataset's.
         views: ``panoramic`` or ``half``, the six neighbouring azimuths that see most.
         drive: ``actions``: Habitat's robot; ``waypoints``: one that drives to poses by itself, as with Nav2.
@@ -47,6 +49,7 @@ class RunSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     planner: Planner = "fmm"
     surveillance: bool = True
     perception: str = "simulated"
+    camera_perception: Literal["", "oracle"] = ""
     density_m2: int = 100
     views: Views = "panoramic"
     drive: Drive = "actions"
@@ -73,6 +76,9 @@ class RunSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
         self.localisation_error()
         _expect("camera_depth", self.camera_depth, get_args(CameraDepth))
         _expect("perception", self.perception, [b for b in BACKENDS if b != "auto"])  # a table must say what looked
+        _expect("camera_perception", self.camera_perception, ("", "oracle"))
+        if self.camera_perception and not self.surveillance:
+            raise ConfigError("camera_perception says how cameras see, but none take part: surveillance is off")
         for detector in self.detectors:
             _expect("each of detectors", detector, list(COCO_DETECTORS))
         if not 1 <= self.max_steps <= 5000:

@@ -87,6 +87,33 @@ class Oracle(Backend):
             task.result = ViewPerception(self.name, detections, image, self.models.embedder, words)
 
 
+class OracleInClassSpace(Oracle):
+    """An oracle for some views of maps whose other views a detector of COCO's classes looks at.
+
+    It says only what such a detector can say, and its embeddings are in that one's space (``class_space``), so that objects and
+    values of both can be compared.
+    """
+
+    models = ModelIds(detector="instance-ids", segmenter="instance-ids", embedder=ClassSpace.model)
+    vocabulary = COCO
+    embedding_dim = class_space.DIM
+
+    def embed_texts(self, texts: Sequence[str]) -> NDArray[np.float32]:
+        return class_space.embed_texts(texts)
+
+    def _look(self, batch: Sequence[ViewTask]) -> None:
+        super()._look(batch)
+        for task in batch:
+            assert task.result is not None
+            of_coco = [d for d in task.result.detections if d.label in COCO]
+            shown = [np.eye(len(COCO), dtype=np.float32)[COCO.index(d.label)] for d in of_coco]
+            detections = tuple(
+                replace(d, embedding=class_space.embed_object(scores)) for d, scores in zip(of_coco, shown, strict=True)
+            )
+            image = class_space.embed_image(shown)
+            task.result = ViewPerception(self.name, detections, image, ClassSpace.model, tuple(COCO))
+
+
 class Simulated(Backend):
     """The renderer's instance ids through an error model: misses, confusions, loose boxes, false positives.
 

@@ -48,6 +48,25 @@ def choose_backend(
     )
 
 
+def oracle_beside(backend: Backend) -> Backend:
+    """An oracle that looks at some views, while ``backend`` looks at the others.
+
+    Raises:
+        PerceptionError: SciPy isn't installed, or what the two say couldn't be compared.
+    """
+    with _needing_scipy():
+        from surveilnav.simulator.truth.backends import Oracle, OracleInClassSpace
+    oracles = Oracle(), OracleInClassSpace()
+    for oracle in oracles:
+        if oracle.models.embedder == backend.models.embedder:
+            return oracle
+    known = ", ".join(oracle.models.embedder for oracle in oracles)
+    raise PerceptionError(
+        f"an oracle's embeddings are of {known}, and those of {backend.name} of {backend.models.embedder}: objects that both "
+        "see couldn't be compared; choose simulated, compact or onnx-coco"
+    )
+
+
 @contextmanager
 def _needing_scipy() -> Iterator[None]:
     """For the import of the simulator's own backends, which alone need SciPy: a worker with a real detector goes without.
