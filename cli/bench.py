@@ -262,6 +262,33 @@ def _said(table: Table, made: Made) -> dict[str, Any]:
 
 @app.command()
 @needs("bench")
+def explain(
+    run: Annotated[Path, typer.Argument(help="The folder of a run of `bench run`.", show_default=False)],
+    bound: Annotated[
+        list[Path] | None,
+        typer.Option(help="The folder of a run to compare with it, such as one of a bound; may be given several times."),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="The page (.md), with its picture beside it; by default beside the run's folder.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Say where the SPL of a run is lost: on the way to a goal, near it, or by failing; by what cameras see, class and building;
+    and what bounds would gain."""
+    from surveilnav.benchmark.explain.make import explain as write
+    from surveilnav.cli.bench_words import explained_in_words, explained_numbers
+
+    explained = write(run, bound or (), out)
+    if as_json:
+        print(json.dumps(explained_numbers(explained)))
+        return
+    for line in explained_in_words(explained):
+        results.print(line, soft_wrap=True)
+    console.print(f"{explained.page} has the tables and a picture")
+
+
+@app.command()
+@needs("bench")
 def policies(as_json: AsJson = False) -> None:
     """List the policies, and what each does."""
     from surveilnav.benchmark.policies import POLICIES

@@ -32,6 +32,10 @@ class Interval:
     def __str__(self) -> str:
         return f"{self.mean:.1f} [{self.low:.1f}, {self.high:.1f}]"
 
+    def signed(self) -> str:
+        """As a difference is written."""
+        return f"{self.mean:+.1f} [{self.low:+.1f}, {self.high:+.1f}]"
+
 
 @dataclass(frozen=True, slots=True)
 class Summary:
@@ -79,9 +83,15 @@ def _stopped_within(record: EpisodeRecord, limit_m: float) -> bool:
 def interval(values: Sequence[float], scenes: Sequence[str]) -> Interval:
     """The mean and its percentile bootstrap (Efron 1979), always the same draws: of whole scenes, because searches in one
     share its cameras and its furniture. Of a single scene, its searches are drawn."""
-    data = np.asarray(values, dtype=np.float64)
-    low, high = np.percentile(_means(data[:, None], scenes), [2.5, 97.5])
-    return Interval(float(data.mean()), float(low), float(high))
+    return intervals(np.asarray(values, dtype=np.float64)[:, None], scenes)[0]
+
+
+def intervals(data: NDArray[np.float64], scenes: Sequence[str]) -> list[Interval]:
+    """As ``interval``, for each column of (N, columns)."""
+    low, high = np.percentile(_means(data, scenes), [2.5, 97.5], axis=0)
+    return [
+        Interval(*map(float, column)) for column in zip(data.mean(axis=0), low, high, strict=True)
+    ]
 
 
 class Paired(NamedTuple):

@@ -135,7 +135,7 @@ def _difference(row: TableRow, first: TableRow) -> tuple[str, str, str]:
     of = "" if all_paired else f" (of {found.pairs})"
     r = found.ratio
     ratio = f"{r.mean:.2f} [{r.low:.2f}, {r.high:.2f}]{of}" if r else ""
-    return _signed(found.sr) + of, _signed(found.spl) + of, ratio
+    return found.sr.signed() + of, found.spl.signed() + of, ratio
 
 
 def _factors(table: Table, rows: Sequence[TableRow]) -> list[str]:
@@ -159,7 +159,7 @@ def _factors(table: Table, rows: Sequence[TableRow]) -> list[str]:
                 beside = {levels: of.get((*levels[:i], first, *levels[i + 1 :]), ()) for levels in own}
                 pairs = [pair for levels, records in own.items() for pair in pairs_of(records, beside[levels])]
                 if found := paired(pairs):
-                    difference = _signed(found.sr), _signed(found.spl)
+                    difference = found.sr.signed(), found.spl.signed()
             cells = [f"{factor}: {level}", str(len(own)), str(s.sr), str(s.spl), *difference]
             text.append("| " + " | ".join(cells) + " |")
     return text
@@ -175,7 +175,7 @@ def _by_origin(rows: Sequence[TableRow]) -> list[str]:
                 continue
             s, difference = summarise(some), ("", "")
             if row is not rows[0] and (found := paired(pairs_of(some, rows[0].records))) is not None:
-                difference = _signed(found.sr), _signed(found.spl)
+                difference = found.sr.signed(), found.spl.signed()
             cells = [row.arm.label, name, str(s.episodes), str(s.sr), str(s.spl), *difference]
             text.append("| " + " | ".join(cells) + " |")
     return text
@@ -205,10 +205,6 @@ def _parts(rows: Sequence[TableRow]) -> list[str]:
 
 def _counted(reasons: Mapping[str, int]) -> str:
     return ", ".join(f"`{name}` {n}" for name, n in reasons.items()) or "it never does"
-
-
-def _signed(i: Interval) -> str:
-    return f"{i.mean:+.1f} [{i.low:+.1f}, {i.high:+.1f}]"
 
 
 def _models(record: EpisodeRecord, models: Mapping[tuple[str, str], Sequence[str]]) -> str | None:

@@ -1,0 +1,1 @@
+"""Where the SPL of a run is lost: ``surveilnav bench explain``."""
