@@ -48,7 +48,9 @@ class ExplainableRun:
     def settings_beside(self, other: Mapping[str, Any]) -> str:
         """The settings that others don't have, in words."""
         own = self.settings
-        differing = [f"{name} {_in_words(own[name])}" for name in own if own[name] != other.get(name)]
+        differing = [
+            f"{name.replace('_', ' ')} {_in_words(own[name])}" for name in own if own[name] != other.get(name)
+        ]
         return ", ".join(differing)
 
 

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from surveilnav.benchmark.policies import POLICIES, apexnav, cooccurrence, l3mvn, vlfm
+from surveilnav.benchmark.policies import POLICIES, Task, Truth, apexnav, cooccurrence, l3mvn, perfect_frontiers, vlfm
 from surveilnav.benchmark.policies.cooccurrence import Cooccurrence, count_train, of_train
+from surveilnav.benchmark.policies.perfect_frontiers import PerfectFrontierRule
 from surveilnav.errors import AssetError
 from surveilnav.messages import ObjectRecord
+from surveilnav.services.planner.core import PlannerConfig
 from surveilnav.services.planner.core.goals.frontiers import Frontier
 from surveilnav.simulator.world.labels import TARGETS
 
@@ -204,3 +207,50 @@ def test_apexnav_exploits_only_what_differs(flat, search):
         _, strong = first_choice(search, flat, "apexnav", lambda x, y, s=sign: np.clip(0.5 + 0.08 * s * (x - 5), 0, 1))
         chosen[sign] = strong.x_m
     assert chosen[1.0] > chosen[-1.0]
+
+
+# --- perfect frontiers --------------------------------------------------------------------------------------------
+
+
+class Field:
+    """A goal at the origin, on open ground but for a pillar around (5, 5)."""
+
+    def at(self, p, floor):
+        return math.inf if math.dist(p[:2], (5.0, 5.0)) < 0.5 else math.hypot(p[0], p[1])
+
+
+def perfect(reachable=True):
+    field = Field() if reachable else SimpleNamespace(at=lambda p, floor: math.inf)
+    navigation = SimpleNamespace(snap=lambda p, floor, within_m: (5.0, 4.5, 0.0))
+    return PerfectFrontierRule(Truth(SimpleNamespace(field=field), navigation))
+
+
+CONTEXT = SimpleNamespace(config=PlannerConfig(), robot=SimpleNamespace(floor="0"))
+
+
+@pytest.mark.parametrize(
+    ("found", "chosen"),
+    [
+        ([frontier(1.0, x_m=9.0), frontier(6.0, x_m=2.0)], 1),  # 10 m over the nearest, 8 m over the other
+        ([frontier(1.0, x_m=6.0), frontier(6.0, x_m=2.0)], 0),
+        ([frontier(3.0, x_m=5.0, y_m=5.0), frontier(2.5, x_m=8.0)], 0),  # in the pillar: 0.5 m and 6.7 m from beside it
+        ([frontier(3.0, x_m=5.0, y_m=5.0), frontier(2.0, x_m=8.0)], 1),
+    ],
+)
+def test_perfect_frontiers_go_where_the_whole_way_to_a_goal_is_shortest(found, chosen):
+    rated = perfect()(CONTEXT, found)
+    assert [r.frontier for r in rated] == found
+    assert [r.utility > 0.0 for r in rated] == [i == chosen for i in range(len(found))]
+    config = CONTEXT.config
+    assert rated[chosen].utility == config.explore_chance / (found[chosen].travel_time_m + config.explore_cost_m)
+
+
+def test_perfect_frontiers_without_any_way_to_a_goal_are_ours(monkeypatch):
+    monkeypatch.setattr(perfect_frontiers, "by_chance_per_metre", lambda context, found: ("ours", found))
+    assert perfect(reachable=False)(CONTEXT, [frontier(1.0)]) == ("ours", [frontier(1.0)])
+    assert perfect()(CONTEXT, []) == ("ours", [])
+
+
+def test_perfect_frontiers_need_the_truth():
+    with pytest.raises(ValueError, match="need Task.truth"):
+        POLICIES["perfect-frontiers"].begin(Task("bed", 0, 10, None))

@@ -5,12 +5,14 @@ from __future__ import annotations
 import json
 import os
 import threading
+import zlib
 
 import msgspec
 import numpy as np
 import pytest
 
 from surveilnav.benchmark import journal
+from surveilnav.benchmark.play.approach import Approach
 from surveilnav.benchmark.runner import records as module
 from surveilnav.benchmark.runner.basis import Basis
 from surveilnav.benchmark.runner.records import Broken, Records, read, stored_run
@@ -34,8 +36,28 @@ RECORD = EpisodeRecord(
     seen=True,
     bytes={"jpeg+depth": 1000},
     seconds=1.0,
+    approach=Approach(
+        closest_m=0.05, first_near_path_m=0.0, first_near_left_m=2.0, last_near_path_m=3.0, last_near_left_m=0.9
+    ),
+    camera_chance=0.25,
 )
-FAILED = msgspec.structs.replace(RECORD, episode_id="10", success=False, spl=0.0, reason="not_seen", bytes={})
+FAILED = msgspec.structs.replace(
+    RECORD,
+    episode_id="10",
+    success=False,
+    spl=0.0,
+    reason="not_seen",
+    bytes={},
+    approach=Approach(closest_m=3.5),
+    camera_chance=None,
+)
+#: What an older program kept of both.
+OLD = {"approach": None, "camera_chance": None}
+OLD_TABLE = """\
+scene,episode_id,category,success,spl,soft_spl,steps,path_m,shortest_path_m,distance_m,reason,seen,frame_bytes,summary_bytes,seconds,crc32
+flat-s0,2,tv,1,0.5,0.6,10,4.0,2.0,0.05,,1,1000,,1.0,CRC2
+flat-s0,10,tv,0,0.0,0.6,10,4.0,2.0,0.05,not_seen,1,,,1.0,CRC10
+"""
 
 
 BASIS = Basis("hash", "program")
@@ -85,6 +107,9 @@ def test_a_finished_run_makes_the_same_file_in_whatever_order_it_was_played(tmp_
         {"spl": 0.123457},
         {"path_m": 1234.567891},
         {"seen": False},
+        {"approach": Approach()},
+        {"approach": Approach(closest_m=2.5, first_near_path_m=1.25, first_near_left_m=2.999)},
+        {"camera_chance": 0.0},
         {"spl": 1e-6},
     ],
 )
@@ -114,7 +139,46 @@ def test_a_thousand_searches_are_small():
         seconds=1000 / 7,
         bytes={"jpeg+depth": 31_731_755, "summaries": 1234},
     )
-    assert 1000 * (len(row_of(long)) + 1) <= 150_000
+    near = Approach(**dict.fromkeys(Approach.__struct_fields__, 1000 / 7))
+    long = msgspec.structs.replace(long, approach=near, camera_chance=1 / 7)
+    assert 1000 * (len(row_of(long)) + 1) <= 200_000
+
+
+def old_run(folder):
+    """A run that an older program played: the same but for the columns that it didn't have."""
+    lines = OLD_TABLE.splitlines()
+    rows = [row.rpartition(",")[0] for row in lines[1:]]
+    folder.mkdir(exist_ok=True)
+    folder.joinpath("searches.csv").write_text(
+        "".join(f"{line}\n" for line in (lines[0], *(f"{r},{zlib.crc32(r.encode()):08x}" for r in rows)))
+    )
+    facts = module.facts_of(RunSettings(), BASIS) | {"version": 4}
+    facts["settings"].pop("camera_perception")
+    module.write_facts(folder, facts)
+    return folder
+
+
+def test_a_table_of_the_version_before_is_still_read(tmp_path):
+    folder = old_run(tmp_path)
+    records = [msgspec.structs.replace(r, **OLD) for r in (RECORD, FAILED)]
+    assert read(folder) == records
+    assert stored_run(folder, RunSettings(), BASIS).records == records
+    assert stored_run(folder, RunSettings(seed=1), BASIS) is None
+    with pytest.raises(ValueError, match="older table"):
+        row_of(records[0])
+
+
+def test_no_run_goes_on_in_a_table_of_the_version_before(tmp_path):
+    """Half of its searches couldn't be explained."""
+    folder = old_run(tmp_path)
+    before = (folder / "searches.csv").read_bytes()
+    with pytest.raises(ConfigError, match=r"of version 4\): take another --out"):
+        Records(folder, RunSettings(), BASIS)
+    assert (folder / "searches.csv").read_bytes() == before
+    (folder / "searches.csv").write_text(OLD_TABLE.splitlines()[0] + "\n")  # nothing was played
+    records = Records(folder, RunSettings(), BASIS)
+    records.add(RECORD)
+    assert records.path.read_text().splitlines() == [HEADER, row_of(RECORD)]
 
 
 def test_a_row_that_was_torn_by_a_kill_is_neither_read_nor_in_the_way(tmp_path):

@@ -5,8 +5,10 @@ from __future__ import annotations
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import msgspec
+import numpy as np
 import pytest
 
 from surveilnav.benchmark import canary
@@ -14,6 +16,8 @@ from surveilnav.benchmark.dataset.build import open_scene
 from surveilnav.benchmark.dataset.load import load_scene, start_of
 from surveilnav.benchmark.dataset.make import make, write_manifest
 from surveilnav.benchmark.dataset.splits import SceneSpec, SplitSpec
+from surveilnav.benchmark.explain.loss import loss_of
+from surveilnav.benchmark.play.approach import NEAR_M
 from surveilnav.benchmark.play.episode import REASONS, Episode, FusedCameras
 from surveilnav.benchmark.play.sight import Sight
 from surveilnav.benchmark.policies import policy_of
@@ -24,8 +28,10 @@ from surveilnav.benchmark.runner.records import Records
 from surveilnav.benchmark.runner.run import _work, run, some_of
 from surveilnav.benchmark.runner.search import search
 from surveilnav.benchmark.runner.settings import RunSettings
-from surveilnav.errors import ConfigError
-from surveilnav.simulator.truth.choose import choose_backend
+from surveilnav.errors import ConfigError, PerceptionError
+from surveilnav.messages import ModelIds
+from surveilnav.robot_state import RobotState
+from surveilnav.simulator.truth.choose import choose_backend, oracle_beside
 
 SETTINGS = RunSettings(perception="oracle", max_steps=40)
 
@@ -232,3 +238,60 @@ def test_no_such_split_or_dataset(dataset, tmp_path):
         run(dataset, tmp_path, RunSettings(split="test"), workers=1)
     with pytest.raises(ConfigError, match="dataset build"):
         run(tmp_path / "none", tmp_path / "out", RunSettings(), workers=1)
+
+
+# --- what explains a search ---------------------------------------------------------------------------------------
+
+
+def test_records_say_how_near_a_search_came_and_what_cameras_knew(dataset, finished, tmp_path):
+    """Cameras with the true detector know surely what they see; without cameras nothing is known."""
+    for r in finished.records:
+        assert r.approach.closest_m <= (r.distance_m if r.distance_m is not None else np.inf) + 1e-3
+        assert r.approach.closest_m <= r.shortest_path_m + 1e-3
+        assert r.approach.came_near == (r.approach.closest_m <= NEAR_M)
+        assert r.approach.last_near_path_m is None or r.distance_m <= NEAR_M
+        assert r.camera_chance == 0.0 or r.camera_chance > 0.9
+        assert sum(loss_of(r)) == pytest.approx(1.0 - r.spl)
+    assert any(r.camera_chance > 0.9 for r in finished.records)
+    alone = run(dataset, tmp_path, msgspec.structs.replace(SETTINGS, surveillance=False), workers=1, per_scene=1)
+    assert [r.camera_chance for r in alone.records] == [None, None]
+
+
+def test_what_cameras_knew_is_asked_without_changing_the_maps(dataset):
+    player = ScenePlayer(dataset, "parametric_flat-s0", SETTINGS)
+    player.play(player.episodes[0])
+    fused, (names,) = player._fused, player._fused._kept
+    before = fused.maps_of(names)
+    fused.chance_at_goal(next(iter(player._goals.values())), 0.0)
+    assert list(fused._kept) == [names]
+    assert fused.maps_of(names).objects("0") == before.objects("0")
+
+
+def test_an_oracle_on_the_cameras_alone_leaves_the_robots_eyes_as_they_are(dataset):
+    """The cameras' views come from the truth, in the space of the robot's embeddings; the robot's are the same."""
+    settings = RunSettings(perception="simulated", max_steps=1)
+    own = ScenePlayer(dataset, "parametric_flat-s0", settings)
+    told = ScenePlayer(dataset, "parametric_flat-s0", msgspec.structs.replace(settings, camera_perception="oracle"))
+    camera = own._sight.infos[0].camera
+    labels = {"own": set(), "told": set()}
+    for name, player in (("own", own), ("told", told)):
+        for seen in player._sight.camera(camera):
+            if seen.perception is not None:
+                assert seen.perception.embedding_model == own._sight.backend.models.embedder
+                assert {d.embedding.shape for d in seen.perception.detections} <= {(own._sight.backend.embedding_dim,)}
+                labels[name] |= {(d.label, d.score) for d in seen.perception.detections}
+    assert {score for _, score in labels["told"]} == {1.0}
+    assert {score for _, score in labels["own"]} != {1.0}
+    state = RobotState(1.0, 1.0, 0.0, "0", 0.0)
+    views = [player._sight.robot(state).perception for player in (own, told)]
+    assert [d.score for d in views[0].detections] == [d.score for d in views[1].detections]
+    assert views[0].image_embedding.tobytes() == views[1].image_embedding.tobytes()
+
+
+def test_an_oracle_on_the_cameras_needs_cameras_and_comparable_eyes(dataset):
+    with pytest.raises(ConfigError, match="none take part"):
+        RunSettings(camera_perception="oracle", surveillance=False).check()
+    with pytest.raises(ConfigError, match=r"camera_perception is one of , oracle, got 'compact'"):
+        RunSettings(camera_perception="compact").check()
+    with pytest.raises(PerceptionError, match="couldn't be compared"):
+        oracle_beside(SimpleNamespace(name="paper", models=ModelIds(embedder="clip")))
