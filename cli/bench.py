@@ -65,7 +65,8 @@ def run(
         str, typer.Option(help="Perception backend: simulated, oracle, compact or onnx-coco.")
     ] = "simulated",
     camera_perception: Annotated[
-        str, typer.Option(help="oracle: the cameras have a perfect detector, a bound; by default they have --perception.")
+        str,
+        typer.Option(help="oracle: the cameras have a perfect detector, a bound; by default they have --perception."),
     ] = "",
     density: Annotated[int, typer.Option(help="One camera for this many square metres of floor: 100 or 200.")] = 100,
     views: Annotated[str, typer.Option(help="Views of a camera: panoramic (360 degrees) or half (180).")] = "panoramic",
@@ -266,10 +267,13 @@ def explain(
     run: Annotated[Path, typer.Argument(help="The folder of a run of `bench run`.", show_default=False)],
     bound: Annotated[
         list[Path] | None,
-        typer.Option(help="The folder of a run to compare with it, such as one of a bound; may be given several times."),
+        typer.Option(
+            help="The folder of a run to compare with it, such as one of a bound; may be given several times."
+        ),
     ] = None,
     out: Annotated[
-        Path | None, typer.Option(help="The page (.md), with its picture beside it; by default beside the run's folder.")
+        Path | None,
+        typer.Option(help="The page (.md), with its picture beside it; by default beside the run's folder."),
     ] = None,
     as_json: AsJson = False,
 ) -> None:

@@ -46,7 +46,8 @@ def explained_numbers(explained: Explained) -> dict[str, Any]:
         for gain in explained.gains
     ]
     groups = {
-        grouping.title: {name: _numbers(some) for name, some in grouping.groups(records).items()} for grouping in GROUPINGS
+        grouping.title: {name: _numbers(some) for name, some in grouping.groups(records).items()}
+        for grouping in GROUPINGS
     }
     return {
         "said": headline(records),

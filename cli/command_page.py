@@ -72,6 +72,8 @@ SHAPES: dict[str, str] = {
     "dataset show": "`scenes`",
     "bench run": "`sr`, `spl`, `episodes`, ...",
     "bench table": "`tables`",
+    "bench explain": "`said`, `searches`, `sr`, `spl`, `missing` (points by part), `groups`, `bounds`, `page`, `picture`; "
+    "intervals are [mean, low, high]",
     "bench policies": "what each is about, by name",
 }
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -53,7 +54,7 @@ def kind_of(scene: str) -> str:
 def _between(edges: Sequence[int], unit: str) -> tuple[tuple[str, ...], Callable[[float], str]]:
     """Names of the spans that ``edges`` cut, and which of them a number lies in; an edge belongs to the span below it."""
     names = [f"up to {edges[0]} {unit}"]
-    names += [f"over {low} to {high} {unit}" for low, high in zip(edges, edges[1:], strict=False)]
+    names += [f"over {low} to {high} {unit}" for low, high in itertools.pairwise(edges)]
     names.append(f"over {edges[-1]} {unit}")
     return tuple(names), lambda value: names[sum(value > edge for edge in edges)]
 

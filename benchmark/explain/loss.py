@@ -17,17 +17,17 @@ class Loss(NamedTuple):
     A failure loses all of it, in one part: ``never_near`` if it never was within ``NEAR_M`` of a goal (``play.approach``), else
     ``failed_near``.
 
-    A success with the shortest path l and the robot's path p has SPL = l / max(l, p). So it loses the metres that it drove too far,
-    p - l, divided by p. They are split at the place a where the robot first was near a goal, after a path p_a with d_a left, and
-    at the place c where it came near for the last time, after p_c with d_c left:
+    A success with the shortest path l and the robot's path p has SPL = l / max(l, p). So it loses the metres that it drove too
+    far, p - l, divided by p. They are split at the place a where the robot first was near a goal, after a path p_a with d_a left,
+    and at the place c where it came near for the last time, after p_c with d_c left:
 
         before         e1 = p_a - (l - d_a)
         left_again     e2 = (p_c - p_a) - (d_a - d_c)
         last_approach  e3 = (p - p_c) - d_c            e1 + e2 + e3 = p - l
 
-    Each is what the robot drove on that leg beyond what it came nearer to a goal. A path is never shorter than what it comes nearer,
-    but for the grid of the shortest paths, and a robot may stop up to ``SUCCESS_M`` before a viewpoint: so an e can be a few
-    centimetres below 0. It then counts as 0, and the others are made smaller in proportion:
+    Each is what the robot drove on that leg beyond what it came nearer to a goal. A path is never shorter than what it comes
+    nearer, but for the grid of the shortest paths, and a robot may stop up to ``SUCCESS_M`` before a viewpoint: so an e can be a
+    few centimetres below 0. It then counts as 0, and the others are made smaller in proportion:
 
         part i = (1 - SPL) max(0, ei) / (max(0, e1) + max(0, e2) + max(0, e3))
 

@@ -52,12 +52,13 @@ def page(run: ExplainableRun, gains: Sequence[Gain], picture: str) -> str:
         "",
         f"**{headline(records)}**",
         "",
-        f"Made by `surveilnav bench explain` from {s.episodes} searches: SR {s.sr}, SPL {s.spl}. Settings that aren't the defaults: "
-        f"{changed}. Program `{facts['program'][:12]}`, dataset `{facts['dataset'][:12]}`.",
+        f"Made by `surveilnav bench explain` from {s.episodes} searches: SR {s.sr}, SPL {s.spl}. Settings that aren't the "
+        f"defaults: {changed}. Program `{facts['program'][:12]}`, dataset `{facts['dataset'][:12]}`.",
         "",
-        f"Success: {SUCCESS_RULE}. The SPL of a search is the length of the shortest path over the length of the robot's path, and 0 "
-        f"for a failure. A robot is *near* a goal while the shortest path to the nearest viewpoint of any goal is at most {NEAR_M:g} m. "
-        "Numbers are points of SPL with 95 % bootstrap intervals: whole scenes are drawn, with all their searches.",
+        f"Success: {SUCCESS_RULE}. The SPL of a search is the length of the shortest path over the length of the robot's path, "
+        "and 0 for a failure. A robot is *near* a goal while the shortest path to the nearest viewpoint of any goal is at most "
+        f"{NEAR_M:g} m. Numbers are points of SPL with 95 % bootstrap intervals: whole scenes are drawn, with all their "
+        "searches.",
         "",
         f"![Where SPL is lost]({picture})",
         "",
@@ -101,8 +102,14 @@ def _failures(failures: Sequence[EpisodeRecord], of: int) -> list[str]:
         near = sum(bool(r.approach and r.approach.came_near) for r in some)
         if some:
             far = len(some) - near
-            rows.append([f"`{reason}`", f"{100 * far / of:.1f} ({far})", f"{100 * near / of:.1f} ({near})", REASONS[reason]])
-    return ["Points, and in brackets how many searches.", "", *_table(["", "never near", "near", "what it means"], rows)]
+            rows.append(
+                [f"`{reason}`", f"{100 * far / of:.1f} ({far})", f"{100 * near / of:.1f} ({near})", REASONS[reason]]
+            )
+    return [
+        "Points, and in brackets how many searches.",
+        "",
+        *_table(["", "never near", "near", "what it means"], rows),
+    ]
 
 
 def _groups(grouping: Grouping, records: Sequence[EpisodeRecord], missing: float) -> list[str]:
@@ -118,7 +125,7 @@ def _groups(grouping: Grouping, records: Sequence[EpisodeRecord], missing: float
 def _headroom(gains: Sequence[Gain]) -> list[str]:
     if not gains:
         return [
-            "No bound was named. `surveilnav bench run --policy perfect-frontiers` plays this run's searches with a perfect choice of "
+            "No bound was named. `surveilnav bench run --policy perfect-frontiers` plays these searches with a perfect choice of "
             "frontiers, and `--camera-perception oracle` with a perfect detector on the cameras alone; all other options as in "
             "this run. `surveilnav bench explain RUN --bound BOUND` then says here what that gains."
         ]
@@ -128,9 +135,9 @@ def _headroom(gains: Sequence[Gain]) -> list[str]:
         cells = [gain.label, str(d.pairs), f"{s.sr.mean:.1f} / {s.spl.mean:.1f}", d.sr.signed(), d.spl.signed()]
         rows.append([*cells, *(i.signed() for i in gain.by_part)])
     return [
-        "What runs gain that differ from this one in what the first column says, paired by search. Bounds are no methods: they are "
-        "told what a robot can't know, and show how much a better choice of frontiers or better eyes could bring at most. On the "
-        "right: how many points fewer each part loses; together they are the difference in SPL.",
+        "What runs gain that differ from this one in what the first column says, paired by search. Bounds are no methods: they "
+        "are told what a robot can't know, and show how much a better choice of frontiers or better eyes could bring at most. On "
+        "the right: how many points fewer each part loses; together they are the difference in SPL.",
         "",
         *_table(["", "searches of both", "SR / SPL", "SR difference", "SPL difference", *_PART_NAMES], rows),
     ]

@@ -33,11 +33,13 @@ class ExplainableRun:
         assert facts is not None  # ``read`` has seen them
         if facts["version"] != VERSION:
             raise ConfigError(
-                f"the run {folder} can't be explained: it was played before rows had the columns {', '.join(EXPLAINING)}. Play it "
-                f"again into another folder (--out), with the settings of {folder / SETTINGS_FILE}"
+                f"the run {folder} can't be explained: it was played before rows had the columns {', '.join(EXPLAINING)}. "
+                f"Play it again into another folder (--out), with the settings of {folder / SETTINGS_FILE}"
             )
         if not records:
-            raise ConfigError(f"the run {folder} holds no search yet: play it with `surveilnav bench run --out {folder}`")
+            raise ConfigError(
+                f"the run {folder} holds no search yet: play it with `surveilnav bench run --out {folder}`"
+            )
         return cls(folder, facts, records)
 
     @property
@@ -48,9 +50,7 @@ class ExplainableRun:
     def settings_beside(self, other: Mapping[str, Any]) -> str:
         """The settings that others don't have, in words."""
         own = self.settings
-        differing = [
-            f"{name.replace('_', ' ')} {_in_words(own[name])}" for name in own if own[name] != other.get(name)
-        ]
+        differing = [f"{name.replace('_', ' ')} {_in_words(own[name])}" for name in own if own[name] != other.get(name)]
         return ", ".join(differing)
 
 

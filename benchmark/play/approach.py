@@ -9,10 +9,10 @@ import msgspec
 
 #: A robot is near a goal while the shortest path to the nearest viewpoint of any goal is at most this long [m].
 #:
-#: This is about the size of a room, and from here a detector sees the things of all target classes well. So what is lost farther
-#: away is the business of exploring, and what is lost from here on is that of believing and stopping. The path is measured and not
-#: the straight line, because a goal behind a wall isn't near for a robot. Whether the goal is in sight isn't asked: a robot that
-#: stands beside it and looks away has come near, and has then lost what it loses there.
+#: This is about the size of a room: a robot that is so near is mostly in the goal's room or at its door. So what is lost farther
+#: away is the business of exploring, and what is lost from here on is that of believing and stopping. The path is measured and
+#: not the straight line, because a goal behind a wall isn't near for a robot. Whether the goal is in sight isn't asked: a robot
+#: that stands beside it and looks away has come near, and what it loses there is lost by not looking.
 NEAR_M = 3.0
 
 

@@ -187,7 +187,7 @@ def write_facts(folder: Path, facts: dict[str, Any]) -> None:
 
 
 def _are(facts: dict[str, Any], settings: RunSettings, basis: Basis) -> bool:
-    """Whether facts are those of this run, in whatever version that is read; a setting that they don't say yet has its default."""
+    """Whether facts are those of this run, in any version that is read; a setting that they don't say yet has its default."""
     try:
         said = msgspec.convert(facts.get("settings"), RunSettings)
     except msgspec.ValidationError:

@@ -89,9 +89,7 @@ def interval(values: Sequence[float], scenes: Sequence[str]) -> Interval:
 def intervals(data: NDArray[np.float64], scenes: Sequence[str]) -> list[Interval]:
     """As ``interval``, for each column of (N, columns)."""
     low, high = np.percentile(_means(data, scenes), [2.5, 97.5], axis=0)
-    return [
-        Interval(*map(float, column)) for column in zip(data.mean(axis=0), low, high, strict=True)
-    ]
+    return [Interval(*map(float, column)) for column in zip(data.mean(axis=0), low, high, strict=True)]
 
 
 class Paired(NamedTuple):

@@ -88,6 +88,7 @@ NEEDING = {
     "dataset show": ("bench", ["dataset", "show"]),
     "bench run": ("bench", ["bench", "run"]),
     "bench table": ("bench", ["bench", "table", "main"]),
+    "bench explain": ("bench", ["bench", "explain", "run"]),
     "bench policies": ("bench", ["bench", "policies"]),
 }
 #: What commands load only once a gateway has answered.

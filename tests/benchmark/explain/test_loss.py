@@ -89,9 +89,7 @@ def test_what_is_lost_on_a_leg_is_what_was_driven_too_far_there_over_the_path():
     assert loss_of(record) == pytest.approx(Loss(before=8.0 / 17.0, last_approach=3.0 / 17.0))
     left_m[2] = 2.5  # near after 4 m
     record = record_of(path_m, left_m, success=True)
-    assert loss_of(record) == pytest.approx(
-        Loss(before=0.5 / 17.0, left_again=7.5 / 17.0, last_approach=3.0 / 17.0)
-    )
+    assert loss_of(record) == pytest.approx(Loss(before=0.5 / 17.0, left_again=7.5 / 17.0, last_approach=3.0 / 17.0))
 
 
 def test_a_search_that_drove_no_metre_too_far_loses_nothing():

@@ -252,5 +252,5 @@ def test_perfect_frontiers_without_any_way_to_a_goal_are_ours(monkeypatch):
 
 
 def test_perfect_frontiers_need_the_truth():
-    with pytest.raises(ValueError, match="need Task.truth"):
+    with pytest.raises(ValueError, match=r"need Task\.truth"):
         POLICIES["perfect-frontiers"].begin(Task("bed", 0, 10, None))
