@@ -16,7 +16,7 @@ from surveilnav.services.fusion.core import FusionConfig
 from surveilnav.services.planner.core.motion.drive import FmmPlanner, LocalPlanner
 from surveilnav.services.planner.core.motion.waypoint_driving import WaypointPlanner
 from surveilnav.simulator.simulation import SimulatedBuilding
-from surveilnav.simulator.truth.choose import oracle_beside
+from surveilnav.simulator.truth.choose import with_perfect_detector
 from surveilnav.simulator.world.goals import Goals, Start
 from surveilnav.simulator.world.navigation import NavigationMap
 
@@ -29,10 +29,7 @@ def sight_of(
     plan: CameraPlan | None = None,
     view_bytes: ViewBytes = NOT_MEASURED,
 ) -> Sight:
-    """The eyes that ``settings`` give a run in ``building``; ``plan`` and ``view_bytes``: see ``Sight``.
-
-    PerceptionError: ``settings`` want an oracle for the cameras, and what it says couldn't be compared with the backend's.
-    """
+    """The eyes that ``settings`` give a run in ``building``; ``plan`` and ``view_bytes``: see ``Sight``."""
     return Sight(
         building,
         backend,
@@ -42,7 +39,7 @@ def sight_of(
         scale=settings.resolution_divisor,
         view_bytes=view_bytes,
         camera_depth=settings.camera_depth,
-        camera_backend=oracle_beside(backend) if settings.camera_perception else None,
+        camera_backend=with_perfect_detector(backend) if settings.camera_perception else None,
         pose_error=PoseError(settings.camera_error_m, math.radians(settings.camera_error_deg)),
     )
 

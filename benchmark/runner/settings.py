@@ -25,8 +25,8 @@ class RunSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     """The same settings on the same dataset give the same table.
 
     Attributes:
-        camera_perception: ``oracle``: the cameras have a perfect detector, and the robot has ``perception``. That is a bound, no
-            method. Empty: all have ``perception``.
+        camera_perception: ``oracle``: what the cameras see is told by the truth, as if ``perception`` had a perfect detector
+            there; the robot has ``perception`` as it is. That is a bound, no method. Empty: cameras have ``perception``, too.
         density_m2: square metres of floor for a camera; one of the dataset's.
         views: ``panoramic`` or ``half``, the six neighbouring azimuths that see most.
         drive: ``actions``: Habitat's robot; ``waypoints``: one that drives to poses by itself, as with Nav2.

@@ -49,6 +49,7 @@ from surveilnav.words import canonical
 
 _EXTENTS_M = extents_of(COCO)
 _WEAKEST = 0.05  # weaker scores are noise, which real detectors leave out of a view's embedding too
+_SAME_THING_IOU = 0.5
 _NAMES = 4  # that are tried for one of which things are as large
 _HAZE_M = 1.5
 _HAZE = Luck(0.2, 0.5, 0.6, 2.0)
@@ -87,31 +88,47 @@ class Oracle(Backend):
             task.result = ViewPerception(self.name, detections, image, self.models.embedder, words)
 
 
-class OracleInClassSpace(Oracle):
-    """An oracle for some views of maps whose other views a detector of COCO's classes looks at.
+class PerfectDetector(Backend):
+    """A backend as it would be with a perfect detector: it says what things are by the truth, and what they look like itself.
 
-    It says only what such a detector can say, and its embeddings are in that one's space (``class_space``), so that objects and
-    values of both can be compared.
+    Views have the backend's own embeddings. So has a thing, if the backend detected something in its place, whatever it called
+    it; else its embedding is that of its name. Things of which the backend knows no name are left out.
     """
 
-    models = ModelIds(detector="instance-ids", segmenter="instance-ids", embedder=ClassSpace.model)
-    vocabulary = COCO
-    embedding_dim = class_space.DIM
+    name = Oracle.name
+    needs_truth = True
+
+    def __init__(self, looks: Backend) -> None:
+        self._looks, self._oracle = looks, Oracle()
+        self.why = f"{looks.name} as it would be with a perfect detector"
+        self.models, self.vocabulary, self.embedding_dim = looks.models, looks.vocabulary, looks.embedding_dim
+        self.stages = (Stage("detect", self._look),)
+
+    @property
+    def calibrated(self) -> bool:
+        """It is told the truth, so every chance is 1."""
+        return True
 
     def embed_texts(self, texts: Sequence[str]) -> NDArray[np.float32]:
-        return class_space.embed_texts(texts)
+        return self._looks.embed_texts(texts)
 
     def _look(self, batch: Sequence[ViewTask]) -> None:
-        super()._look(batch)
         for task in batch:
-            assert task.result is not None
-            of_coco = [d for d in task.result.detections if d.label in COCO]
-            shown = [np.eye(len(COCO), dtype=np.float32)[COCO.index(d.label)] for d in of_coco]
-            detections = tuple(
-                replace(d, embedding=class_space.embed_object(scores)) for d, scores in zip(of_coco, shown, strict=True)
-            )
-            image = class_space.embed_image(shown)
-            task.result = ViewPerception(self.name, detections, image, ClassSpace.model, tuple(COCO))
+            rgb, depth_m, camera = task.view.rgb, task.view.depth_m, task.view.camera
+            shared = {"prompts": task.prompts, "key": task.key}
+            own_truth = task.truth if self._looks.needs_truth else None
+            own = self._looks.perceive(rgb, depth_m, camera, truth=own_truth, **shared)  # type: ignore[arg-type]
+            told = self._oracle.perceive(rgb, depth_m, camera, truth=task.truth, **shared)  # type: ignore[arg-type]
+            named = [d for d in told.detections if not self._looks.refusal(d.label)]
+            detections = tuple(replace(d, embedding=self._embedding(d, own.detections)) for d in named)
+            task.result = replace(own, backend=self.name, detections=detections)
+
+    def _embedding(self, thing: DetectedObject, own: Sequence[DetectedObject]) -> NDArray[np.float32]:
+        """What a thing looks like (D,)."""
+        there = max(own, key=lambda d: _iou(d.box_px, thing.box_px), default=None)
+        if there is not None and _iou(there.box_px, thing.box_px) >= _SAME_THING_IOU:
+            return there.embedding
+        return self._looks.embed_texts([thing.label])[0]
 
 
 class Simulated(Backend):
@@ -242,6 +259,14 @@ class Simulated(Backend):
         id_ = c.ids[i : i + 1]
         of = scene if uniforms(view, id_, 2)[0, 0] < kind.name_kept else view
         return kind.called(c.labels[i], sight, uniforms(of, id_, 6, len(COCO))[0])[:_NAMES]
+
+
+def _iou(a: Box, b: Box) -> float:
+    """Intersection over union of two boxes."""
+    width, height = min(a[2], b[2]) - max(a[0], b[0]), min(a[3], b[3]) - max(a[1], b[1])
+    shared = max(0.0, width) * max(0.0, height)
+    areas = [(box[2] - box[0]) * (box[3] - box[1]) for box in (a, b)]
+    return shared / max(sum(areas) - shared, 1e-9)
 
 
 def _one_of(boxes: Sequence[Sequence[float]], luck: float) -> Sequence[float]:

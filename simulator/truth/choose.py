@@ -48,23 +48,11 @@ def choose_backend(
     )
 
 
-def oracle_beside(backend: Backend) -> Backend:
-    """An oracle that looks at some views, while ``backend`` looks at the others.
-
-    Raises:
-        PerceptionError: SciPy isn't installed, or what the two say couldn't be compared.
-    """
+def with_perfect_detector(backend: Backend) -> Backend:
+    """The backend as it would be with a perfect detector. PerceptionError: SciPy isn't installed."""
     with _needing_scipy():
-        from surveilnav.simulator.truth.backends import Oracle, OracleInClassSpace
-    oracles = Oracle(), OracleInClassSpace()
-    for oracle in oracles:
-        if oracle.models.embedder == backend.models.embedder:
-            return oracle
-    known = ", ".join(oracle.models.embedder for oracle in oracles)
-    raise PerceptionError(
-        f"an oracle's embeddings are of {known}, and those of {backend.name} of {backend.models.embedder}: objects that both "
-        "see couldn't be compared; choose simulated, compact or onnx-coco"
-    )
+        from surveilnav.simulator.truth.backends import PerfectDetector
+    return PerfectDetector(backend)
 
 
 @contextmanager

@@ -11,8 +11,8 @@ from surveilnav.errors import PerceptionError
 from surveilnav.geometry import Pinhole
 from surveilnav.perception.embedders import class_space
 from surveilnav.perception.vocabulary import COCO
-from surveilnav.sensing.views import TrueInstances, box_cells
-from surveilnav.simulator.truth.backends import Oracle, Simulated
+from surveilnav.sensing.views import DetectedObject, TrueInstances, ViewPerception, box_cells
+from surveilnav.simulator.truth.backends import Oracle, PerfectDetector, Simulated
 from surveilnav.simulator.truth.error_model import FEATURES, SIGHTS, Haze, error_model, features
 from surveilnav.simulator.truth.visible import candidates, visible_things
 from surveilnav.simulator.world.labels import TARGETS
@@ -273,3 +273,34 @@ def test_things_without_depth_are_not_visible() -> None:
     things = visible_things(truth, depth, 60, {"bed", "chair", "tv", "couch", "toilet", "potted plant"})
     assert [t.label for t in things] == ["couch"]
     assert things[0].range_m == 1.0
+
+
+class Looks(Oracle):
+    """Sees the picture in its own way: it takes the couch for a bed, misses the tv, and has embeddings of three numbers."""
+
+    name, embedding_dim, vocabulary, needs_truth = "looks", 3, COCO, False
+
+    def embed_texts(self, texts):
+        return np.array([[0.0, 0.0, 1.0] for _ in texts], np.float32)
+
+    def _look(self, batch):
+        for task in batch:
+            assert task.truth is None, "only what says things is told the truth"
+            bed = DetectedObject("bed", 0.4, (12.0, 20.0, 110.0, 96.0), None, np.array([1, 0, 0], np.float32))
+            image = np.array([0, 1, 0], np.float32)
+            task.result = ViewPerception(self.name, (bed,), image, "three numbers", ("couch", "bed"))
+
+
+def test_a_perfect_detector_says_what_is_there_and_the_backend_what_it_looks_like() -> None:
+    depth, truth = scene()
+    perfect = PerfectDetector(Looks())
+    truth = TrueInstances(truth.ids, {**truth.labels, 3: "samovar"})
+    seen = perfect.perceive(RGB, depth, CAMERA, truth=truth, prompts=("samovar",))
+    told = Oracle().perceive(RGB, depth, CAMERA, truth=truth)
+    assert [(d.label, d.score, d.chance, d.box_px) for d in seen.detections] == [
+        (d.label, 1.0, 1.0, d.box_px) for d in told.detections
+    ], "the backend knows no samovar"
+    assert [d.embedding.tolist() for d in seen.detections] == [[1, 0, 0], [0, 0, 1]]
+    assert (seen.image_embedding.tolist(), seen.embedding_model) == ([0, 1, 0], "three numbers")
+    assert (seen.backend, seen.words) == ("oracle", ("couch", "bed"))
+    assert (perfect.needs_truth, perfect.calibrated, perfect.embedding_dim) == (True, True, 3)
