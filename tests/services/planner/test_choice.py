@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from surveilnav.services.planner.core import MissionState, PlannerConfig
-from surveilnav.services.planner.core import choice as decisions
-from surveilnav.services.planner.core.choice import Choice, choose, highest_utility, papers_order
+from surveilnav.services.planner.core.choice import Choice, choose
+from surveilnav.services.planner.core.choice_rules import _PAPERS_ORDER, highest_utility, papers_order
 from surveilnav.services.planner.core.context import StepContext
 from surveilnav.services.planner.core.memory.waypoint import CurrentWaypoint
 from surveilnav.services.planner.core.motion.drive import FmmPlanner
@@ -173,7 +173,7 @@ def test_every_kind_of_option_has_a_behaviour():
     from surveilnav.services.planner.core.options.option import OptionKind
     from surveilnav.services.planner.core.step import BEHAVIOURS
 
-    assert set(BEHAVIOURS) == set(OptionKind.__args__) == set(decisions._PAPERS_ORDER)
+    assert set(BEHAVIOURS) == set(OptionKind.__args__) == set(_PAPERS_ORDER)
 
 
 # --- orders -------------------------------------------------------------------------------------------------------
