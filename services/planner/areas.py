@@ -12,7 +12,6 @@ from surveilnav.bus import Node
 from surveilnav.contract import PASSAGE_STATE
 from surveilnav.errors import ConfigError
 from surveilnav.services.planner.core.motion.areas import Area
-from surveilnav.services.planner.pausing import Pause
 from surveilnav.storage import file_stamp
 
 PassageStateName = Literal["open", "closed", "unknown"]
@@ -76,24 +75,25 @@ class BuildingAreas:
 
 
 class MissionAreas:
-    """The areas as one mission takes them. It knows which closed passages a person had it go on at."""
+    """The areas as one mission takes them. It knows which closed passages a person had it go on at.
+
+    Attributes:
+        vouched: these passages, as (floor, passage).
+    """
 
     def __init__(self, areas: BuildingAreas) -> None:
         self._areas = areas
-        self._vouched: set[tuple[str, str]] = set()
-        self._waits_for: set[tuple[str, str]] = set()
+        self.vouched: frozenset[tuple[str, str]] = frozenset()
 
     def on_floor(self, floor: str) -> tuple[Area, ...]:
         """The areas of a floor. What a person said of a passage holds until it is said to be open."""
-        self._vouched = {v for v in self._vouched if self._areas.state_of(*v) != "open"}
-        self._waits_for = set()
-        return self._areas.on_floor(floor, {passage for there, passage in self._vouched if there == floor})
+        self.vouched = frozenset(v for v in self.vouched if self._areas.state_of(*v) != "open")
+        return self._areas.on_floor(floor, {passage for there, passage in self.vouched if there == floor})
 
-    def wait(self, pause: Pause, reason: str, floor: str, passages: tuple[str, ...]) -> None:
-        """Pauses the mission until a passage isn't closed any more, or a person has it go on."""
-        if pause.begin(reason, lambda: any(self._areas.state_of(floor, name) != "closed" for name in passages)):
-            self._waits_for = {(floor, name) for name in passages}
+    def are_closed(self, floor: str, passages: Collection[str]) -> bool:
+        """Whether all of these passages are said to be closed."""
+        return all(self._areas.state_of(floor, name) == "closed" for name in passages)
 
-    def vouch(self) -> None:
-        """A person has the mission go on: the passages that it waits for can be passed."""
-        self._vouched |= self._waits_for
+    def vouch(self, floor: str, passages: Collection[str]) -> None:
+        """A person says that these passages can be passed."""
+        self.vouched |= {(floor, passage) for passage in passages}

@@ -11,6 +11,7 @@ from surveilnav.contract import PASSAGE_STATE
 from surveilnav.errors import ConfigError
 from surveilnav.messages import PassageState
 from surveilnav.services.planner.areas import BuildingAreas, MissionAreas
+from surveilnav.services.planner.pausing import Pauses
 from tests.services.planner.test_service import (  # noqa: F401
     QUICK,
     Fakes,
@@ -124,25 +125,23 @@ def test_what_nobody_says_any_more_is_unknown(make_node, door, file, monkeypatch
 def test_what_a_person_said_holds_until_the_door_opens(make_node, door, file):
     areas = BuildingAreas(make_node("planner", "planner"), file)
     mission = MissionAreas(areas)
+    pauses = Pauses(mission, None)
 
     def say(state):
         until(lambda: door(state) or areas.state_of("floor-r1", "lobby") == state, lambda: "", 5.0)
         return [a.kind for a in mission.on_floor("floor-r1")]
 
     assert say("closed") == ["keepout", "closed"]
-    mission.vouch()
+    pauses.begin("lunch")
+    pauses.resume()
     assert say("closed") == ["keepout", "closed"], "it didn't wait there"
-    mission.wait(FakePause(), "why", "floor-r1", ("lobby",))
-    mission.vouch()
+    assert pauses.for_passages("why", "floor-r1", ("lobby",))
+    assert not mission.vouched
+    pauses.resume()
+    assert pauses.reason is None
     assert say("closed") == ["keepout"]
     assert say("open") == ["keepout", "open"]
     assert say("closed") == ["keepout", "closed"]
-
-
-class FakePause:
-    def begin(self, reason, is_over):
-        assert not is_over()
-        return True
 
 
 def test_a_changed_file_is_read_again_and_a_wrong_one_keeps_the_former_zones(make_node, file, monkeypatch):
