@@ -29,6 +29,7 @@ class BuildingAreas:
     def __init__(self, node: Node, path: Path | None) -> None:
         self._node, self._path = node, path
         self._states = node.table(PASSAGE_STATE)
+        self._closed_until_s: dict[tuple[str, str], float] = {}
         self._read_s, self._seen = time.monotonic(), file_stamp(path) if path else ()
         self._building: BuildingFile | None = load_building(path) if path else None
 
@@ -65,10 +66,20 @@ class BuildingAreas:
     def state_of(self, floor: str, passage: str) -> PassageStateName:
         """What was last said of a passage: "open" or "closed"; "unknown" if nothing was said lately."""
         row = self._states.get(floor=floor, passage=passage)
+        if row is None and time.monotonic() < self._closed_until_s.get((floor, passage), 0.0):
+            return "closed"
         if row is None or row.age_s > _MAX_AGE_S:
             return "unknown"
         state: PassageStateName = row.message.state
         return state
+
+    def remember_closed(self, floor: str, passages: Collection[str]) -> None:
+        """Passages that were closed before the planner was started again count as closed until something is said of them.
+
+        If nothing is, then for as long as what was said counts.
+        """
+        until_s = time.monotonic() + _MAX_AGE_S
+        self._closed_until_s |= {(floor, passage): until_s for passage in passages}
 
     def _floors(self) -> dict[str, BuildingFloor]:
         return {} if self._building is None else self._building.floors
@@ -89,6 +100,10 @@ class MissionAreas:
         """The areas of a floor. What a person said of a passage holds until it is said to be open."""
         self.vouched = frozenset(v for v in self.vouched if self._areas.state_of(*v) != "open")
         return self._areas.on_floor(floor, {passage for there, passage in self.vouched if there == floor})
+
+    def remember_closed(self, floor: str, passages: Collection[str]) -> None:
+        """Passages that were closed before the planner was started again."""
+        self._areas.remember_closed(floor, passages)
 
     def are_closed(self, floor: str, passages: Collection[str]) -> bool:
         """Whether all of these passages are said to be closed."""

@@ -36,7 +36,7 @@ class MissionRunner:
         self._summaries, self._areas = context.summaries, MissionAreas(context.areas)
         self.report, self.robot = MissionReport(context.node, saved.status, saved.plan), saved.status.robot
         self._state = load_state(saved, self._node)
-        self._pending, self._cancel, self._pauses = saved.pending, saved.cancel, Pauses(self._areas, saved.paused)
+        self._pending, self._cancel, self._pauses = saved.pending, saved.cancel, Pauses(self._areas, saved)
         self.wanted_robot = saved.wanted_robot
         self._robot_path_m = saved.robot_path_m
         self._path_before_m = self.status.path_m - saved.robot_path_m
@@ -103,11 +103,12 @@ class MissionRunner:
                 pending=self._pending,
                 robot_path_m=self._robot_path_m,
                 cancel=self._cancel,
-                paused=self._pauses.stored_reason,
                 wanted_robot=self.wanted_robot,
                 memory=memory,
             )
             under_way = not self.finished and self._pending is not None and self._cancel is None
+            if not self.finished:
+                saved = self._pauses.written_into(saved)
             self._store.save(saved, finished=self.finished, sync=not under_way)
 
     def announce(self) -> None:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass
+
+import msgspec
 
 from surveilnav.bus import Refused
 from surveilnav.services.planner.areas import MissionAreas
+from surveilnav.services.planner.store import PassageWait, SavedMission
 
 _CHECK_S = 0.1
 
@@ -21,7 +23,7 @@ class Pause:
 
     Attributes:
         reason: why the mission is paused; None while it isn't paused.
-        stored_reason: the same, but None if the pause ends by itself: after a restart the mission decides anew whether to wait.
+        stored_reason: the same, but None if the pause ends by itself.
     """
 
     def __init__(self, reason: str | None) -> None:
@@ -72,33 +74,35 @@ class Pause:
         self._ended.wait(at_most_s)
 
 
-@dataclass(frozen=True, slots=True)
-class PassageWait:
-    """The passages of a floor that a mission waits for. The wait is over once one of them isn't closed any more."""
-
-    floor: str
-    passages: tuple[str, ...]
-
-
 class Pauses:
     """All pauses of one mission: those that a person begins, and those for its robot or for a passage.
 
     ``for_…`` begins one, and returns whether it did. The mission waits at its next ``check``.
     """
 
-    def __init__(self, areas: MissionAreas, paused: str | None) -> None:
-        self._areas, self._pause = areas, Pause(paused)
-        self._wait: PassageWait | None = None
-        self._frame_told = False
+    def __init__(self, areas: MissionAreas, saved: SavedMission) -> None:
+        self._areas, self._pause = areas, Pause(saved.paused)
+        self._frame_told = saved.frame_told
+        self._wait = saved.waits_for
+        self._areas.vouched = saved.vouched
+        if self._wait is not None:
+            self._areas.remember_closed(self._wait.floor, self._wait.passages)
+            self._wait_for_passages(self._wait)
 
     @property
     def reason(self) -> str | None:
         """Why the mission is paused; None while it isn't."""
         return self._pause.reason
 
-    @property
-    def stored_reason(self) -> str | None:
-        return self._pause.stored_reason
+    def written_into(self, saved: SavedMission) -> SavedMission:
+        """The same with what a planner that is started again has to know: why the mission waits, and what people said."""
+        return msgspec.structs.replace(
+            saved,
+            paused=self._pause.stored_reason,
+            waits_for=self._wait if self._pause.ends_itself else None,
+            vouched=self._areas.vouched,
+            frame_told=self._frame_told,
+        )
 
     def begin(self, reason: str) -> None:
         """Pauses the mission, until a person resumes it, once the current action is done."""
@@ -142,5 +146,8 @@ class Pauses:
 
     def for_passages(self, reason: str, floor: str, passages: tuple[str, ...]) -> bool:
         """Pauses until one of these passages isn't closed any more, or a person has the mission go on."""
-        self._wait = PassageWait(floor, passages)
-        return self._pause.begin(reason, lambda: not self._areas.are_closed(floor, passages))
+        return self._wait_for_passages(PassageWait(reason=reason, floor=floor, passages=passages))
+
+    def _wait_for_passages(self, wait: PassageWait) -> bool:
+        self._wait = wait
+        return self._pause.begin(wait.reason, lambda: not self._areas.are_closed(wait.floor, wait.passages))
