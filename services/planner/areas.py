@@ -7,6 +7,7 @@ from collections.abc import Collection
 from pathlib import Path
 from typing import Literal
 
+from surveilnav import messages
 from surveilnav.building_file import BuildingFile, BuildingFloor, load_building
 from surveilnav.bus import Node
 from surveilnav.contract import PASSAGE_STATE
@@ -62,6 +63,20 @@ class BuildingAreas:
             if state == "open" or (state == "closed" and name not in vouched):
                 zones.append(Area(f"{passage.kind} {name}", state, tuple(passage.outline_m), name))
         return tuple(zones)
+
+    def floors(self) -> list[str]:
+        """The floors of which the building file has areas."""
+        return [floor for floor, known in self._floors().items() if known.keepout or known.passages]
+
+    def told(self, floor: str) -> list[messages.Area]:
+        """The areas of a floor for others, with all passages and their states."""
+        if (known := self._floors().get(floor)) is None:
+            return []
+        zones = [messages.Area(name=n, kind="keepout", outline_m=outline) for n, outline in known.keepout.items()]
+        return zones + [
+            messages.Area(name=n, kind=p.kind, outline_m=p.outline_m, state=self.state_of(floor, n))
+            for n, p in known.passages.items()
+        ]
 
     def state_of(self, floor: str, passage: str) -> PassageStateName:
         """What was last said of a passage: "open" or "closed"; "unknown" if nothing was said lately."""

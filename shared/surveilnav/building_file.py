@@ -15,16 +15,14 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 from surveilnav.contract import ID_PATTERN
 from surveilnav.errors import ConfigError
 from surveilnav.geometry.polygon import MAX_CORNERS, polygon_fault
+from surveilnav.messages.area import MAX_ENTRIES, MAX_M, MAX_NAME
 from surveilnav.robot_file import FrameEntry
 from surveilnav.yaml_file import compose, line_of, plain
 
-#: No building reaches farther from its origin.
-_MAX_M = 1e5
-
 
 def _in_reach(value: float) -> float:
-    if not math.isfinite(value) or abs(value) > _MAX_M:
-        raise ValueError(f"expected a finite number of at most {_MAX_M:g} metres")
+    if not math.isfinite(value) or abs(value) > MAX_M:
+        raise ValueError(f"expected a finite number of at most {MAX_M:g} metres")
     return value
 
 
@@ -36,7 +34,7 @@ def _polygon(corners: list[tuple[float, float]]) -> list[tuple[float, float]]:
 
 Metres = Annotated[float, AfterValidator(_in_reach)]
 Outline = Annotated[list[tuple[Metres, Metres]], Field(min_length=3, max_length=MAX_CORNERS), AfterValidator(_polygon)]
-_Label = Annotated[str, Field(min_length=1, max_length=100)]
+_Label = Annotated[str, Field(min_length=1, max_length=MAX_NAME)]
 _Id = Annotated[str, Field(pattern=ID_PATTERN)]
 
 
@@ -63,10 +61,10 @@ class BuildingFloor(_Entry):
         None, description="Nav2's map of it, a `map.yaml`: walls and free space that are known"
     )
     T_building_map: FrameEntry | None = Field(None, description="where the origin of `nav2_map` lies in the building")
-    keepout: Annotated[dict[_Label, Outline], Field(max_length=200)] = Field(
+    keepout: Annotated[dict[_Label, Outline], Field(max_length=MAX_ENTRIES)] = Field(
         {}, description="outlines of places where no robot is sent, by their names for people: corners (x, y) [m]"
     )
-    passages: Annotated[dict[_Id, PassageEntry], Field(max_length=200)] = Field(
+    passages: Annotated[dict[_Id, PassageEntry], Field(max_length=MAX_ENTRIES)] = Field(
         {}, description="doors and lifts by their names in the system that opens them"
     )
 
@@ -84,10 +82,10 @@ class BuildingFile(_Entry):
 
     building: _Label = Field(description="its name for people")
     cameras: Path = Field(Path("cameras.yaml"), description="the file of its cameras, which also names its floors")
-    robots: Annotated[dict[_Id, Path], Field(max_length=200)] = Field(
+    robots: Annotated[dict[_Id, Path], Field(max_length=MAX_ENTRIES)] = Field(
         {}, description="files of its robots, by their ids"
     )
-    floors: Annotated[dict[_Id, BuildingFloor], Field(max_length=200)] = Field(
+    floors: Annotated[dict[_Id, BuildingFloor], Field(max_length=MAX_ENTRIES)] = Field(
         {}, description="floors of which more is known than their altitude"
     )
 

@@ -6,8 +6,8 @@ import math
 
 import pytest
 
-from surveilnav.bus import clock_ns
-from surveilnav.contract import PASSAGE_STATE
+from surveilnav.bus import Refused, clock_ns
+from surveilnav.contract import FLOOR_AREAS, PASSAGE_STATE
 from surveilnav.errors import ConfigError
 from surveilnav.messages import PassageState
 from surveilnav.services.planner.areas import BuildingAreas, MissionAreas
@@ -182,6 +182,27 @@ def test_a_door_of_which_nothing_is_said_is_driven_through(robot, planner, clien
     planner(QUICK.model_copy(update={"building_file": file}))
     submit(client)
     assert end_of(client).found
+
+
+def test_others_are_told_of_zones_and_doors_and_of_each_change(planner, client, door, file):  # noqa: F811
+    heard = client.table(FLOOR_AREAS)
+    service = planner(QUICK.model_copy(update={"building_file": file}))
+
+    def told(state):
+        door(state)
+        service.step()
+        rows = [row.message for row in heard.rows()]
+        return next((r for r in rows if [a.state for a in r.areas] == ["", state]), None)
+
+    (store, lobby) = until(lambda: told("closed"), lambda: heard.rows()).areas
+    assert (store.name, store.kind, store.outline_m[1]) == ("store", "keepout", (1.0, 0.3))
+    assert (lobby.name, lobby.kind) == ("lobby", "door")
+    until(lambda: told("open"), lambda: heard.rows())
+    assert [a.state for row in client.ask_all(FLOOR_AREAS, timeout_s=1) for a in row.message.areas] == ["", "open"]
+    with pytest.raises(Refused, match="no areas of floor 'attic'"):
+        client.ask(FLOOR_AREAS, floor="attic")
+    file.write_text("building: test")
+    until(lambda: service.step() or [r.message.areas for r in heard.rows()] == [[]], lambda: heard.rows())
 
 
 def test_what_nobody_says_any_more_is_unknown(make_node, door, file, monkeypatch):
