@@ -19,13 +19,17 @@ from collections.abc import Sequence
 from functools import cache
 from itertools import groupby
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
 from surveilnav.benchmark.play.workers import in_workers
 from surveilnav.benchmark.runner.settings import RunSettings
 from surveilnav.errors import ConfigError
+
+if TYPE_CHECKING:
+    from surveilnav.simulator.simulation import SimulatedBuilding
+    from surveilnav.simulator.world.goals import Goals, Start
 
 FILE = Path(__file__).with_name("canary.json")
 #: One letter an action, so that a search reads as a line.
@@ -105,22 +109,33 @@ def digest_of(searches: Sequence[Search]) -> str:
     return hashlib.sha256(msgspec.json.encode(did)).hexdigest()[:12]
 
 
-def play(golden: Search) -> Outcome:
-    """Plays one. Raises what opening its building may, and PerceptionError where its detector can't be had."""
-    from surveilnav.benchmark.runner.search import search, sight_of
+def open_search(golden: Search, n_cameras: int | None = None) -> tuple[SimulatedBuilding, Goals, Start]:
+    """The building of a search, what is searched in it, and where the robot begins. Raises what opening a building may.
+
+    Args:
+        n_cameras: of the building; None: as many as the golden run has there.
+    """
     from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings
-    from surveilnav.simulator.truth.choose import choose_backend
     from surveilnav.simulator.world.goals import Start, find_goals
 
-    settings = msgspec.convert(golden.run, RunSettings)
+    cameras = golden.cameras if n_cameras is None else n_cameras
     building = SimulatedBuilding(
-        SimulationSettings(building=golden.building, seed=golden.seed, cameras=golden.cameras, lighting="flat")
+        SimulationSettings(building=golden.building, seed=golden.seed, cameras=cameras, lighting="flat")
     )
-    backend = choose_backend(settings.perception, seed=settings.seed, harder=settings.harder)
     navigation, at = building.navigation, golden.start
     goals = find_goals(building.scene, navigation, golden.target, caster=building.caster)
     p_m = (at.x_m, at.y_m, navigation.floors[at.floor].z_m)
-    start = Start(p_m, at.floor, at.yaw_rad, goals.field.at((at.x_m, at.y_m), at.floor))
+    return building, goals, Start(p_m, at.floor, at.yaw_rad, goals.field.at((at.x_m, at.y_m), at.floor))
+
+
+def play(golden: Search) -> Outcome:
+    """Plays one. Raises what opening its building may, and PerceptionError where its detector can't be had."""
+    from surveilnav.benchmark.runner.search import search, sight_of
+    from surveilnav.simulator.truth.choose import choose_backend
+
+    settings = msgspec.convert(golden.run, RunSettings)
+    building, goals, start = open_search(golden)
+    backend = choose_backend(settings.perception, seed=settings.seed, harder=settings.harder)
     actions: list[str] = []
     episode = search(
         sight_of(building, backend, settings),
@@ -128,7 +143,7 @@ def play(golden: Search) -> Outcome:
         goals,
         start,
         seed=1,
-        goal_on_floor=at.floor in goals.viewpoints,
+        goal_on_floor=start.floor in goals.viewpoints,
         on_step=lambda *step: actions.append(step[-1].action or ""),
     )
     return Outcome(

@@ -88,7 +88,7 @@ def run(
         policy=policy,
         planner=planner,  # type: ignore[arg-type]
         drive=drive,  # type: ignore[arg-type]
-        localisation=_errors_of(localisation),
+        localisation=_parse_localisation_errors(localisation),
         surveillance=_on(surveillance),
         perception=perception,  # type: ignore[arg-type]
         density_m2=density,
@@ -115,8 +115,8 @@ def run(
     sys.exit(0 if finished.complete else 1)
 
 
-def _errors_of(text: str) -> dict[str, float]:
-    """The numbers of ``drift=0.01,sigma_m=0.02``."""
+def _parse_localisation_errors(text: str) -> dict[str, float]:
+    """The errors of a robot's localisation by name, of a text such as ``drift=0.01,sigma_m=0.02``."""
     pairs = [part.partition("=") for part in text.split(",") if part]
     try:
         return {name.strip(): float(value) for name, _, value in pairs}

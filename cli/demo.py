@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import time
 import uuid
 from dataclasses import dataclass
@@ -130,7 +129,7 @@ def _play(
         console.print(f"perception: [bold]{backend}[/] ({escape(why)})")
         with MapWatch(node, recorder.mapped) as maps:
             status = _search(node, stack, recorder, options, goals.label, console)
-        verdict = _judge(recorder, goals, start)
+        verdict = _judge(recorder, status, goals, start)
         if options.record:
             _say_recording(node, recorder.mission, variables["SURVEILNAV_RECORDER__FOLDER"], console)
         record = _record(options, building, recorder, node, status, verdict, start, started)
@@ -151,7 +150,7 @@ def _variables(options: DemoOptions, start: Start, run_dir: Path) -> dict[str, s
         state=run_dir / "state",
         cameras_everywhere=options.cameras_everywhere,
         recordings=options.runs / "recordings",
-        robot_start=f"{start.p_m[0]!r},{start.p_m[1]!r},{start.floor},{math.degrees(start.yaw_rad)!r}",
+        robot_start=start.setting(),
     )
 
 
@@ -217,8 +216,8 @@ def _say_recording(node: Node, mission: str, folder: str, console: Console) -> N
     console.print(f"recording: not closed within {_CLOSED_S:g} s; it is in {folder}", markup=False, soft_wrap=True)
 
 
-def _judge(recorder: Recorder, goals: Goals, start: Start) -> Verdict:
-    """The simulator's own check at the robot's last pose."""
+def _judge(recorder: Recorder, status: MissionStatus, goals: Goals, start: Start) -> Verdict:
+    """The simulator's own check at the robot's last pose. A mission that found nothing is a failure wherever it ended."""
     last = recorder.observations[max(recorder.observations)][0] if recorder.observations else None
     if last is None:
         raise SurveilNavError("the robot was never heard of: see its log")
@@ -226,9 +225,14 @@ def _judge(recorder: Recorder, goals: Goals, start: Start) -> Verdict:
         p_world=last.T_world_base.translation_m,
         floor=last.floor,
         path_m=last.path_m,
-        stopped=last.last_action == "stop",
+        stopped=has_found(status) and last.last_action == "stop",
     )
     return judge(goals, state, shortest_path_m=start.shortest_path_m)
+
+
+def has_found(status: MissionStatus) -> bool:
+    """Whether a mission ended because it found its target, as it says."""
+    return status.state == "done" and status.found
 
 
 def _record(
@@ -255,7 +259,7 @@ def _record(
         seconds=0.0,
         status=status,
         verdict={
-            "found": status.state == "done" and status.found,
+            "found": has_found(status),
             "success": verdict.success,
             "steps": status.step,
             "spl": verdict.spl,

@@ -49,11 +49,11 @@ def by_tag(robot: RobotFile, sightings_file: Path, cameras_file: Path) -> FoundF
                 f"{sightings_file}, line {stop.line}: this stop is on floor {stop.floor!r}, but the floors of {cameras_file} are "
                 f"{known}"
             )
-    T_building_said = robot.T_building_map.transform() if robot.T_building_map else PlanarTransform()
-    T_said_building = T_building_said.inverse()
+    T_building_reported = robot.T_building_map.transform() if robot.T_building_map else PlanarTransform()
+    T_reported_building = T_building_reported.inverse()
     for stop in sightings.stops:
-        x, y = T_said_building.apply((stop.x_m, stop.y_m))
-        stop.x_m, stop.y_m, stop.yaw_rad = float(x), float(y), stop.yaw_rad + T_said_building.yaw_rad
+        x, y = T_reported_building.apply((stop.x_m, stop.y_m))
+        stop.x_m, stop.y_m, stop.yaw_rad = float(x), float(y), stop.yaw_rad + T_reported_building.yaw_rad
     return from_tag(
         sightings,
         {name: entry.lens.lens() for name, entry in cameras.cameras.items()},

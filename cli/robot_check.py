@@ -20,8 +20,8 @@ _CLOCK_OFF_S = 5.0
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
-    """What was found of one part. ``message``: what is there or, if it isn't ``ok``, what to do."""
+class PartCheck:
+    """The check of one part of a robot. ``message``: what is there or, if it isn't ``ok``, what to do."""
 
     part: str
     ok: bool
@@ -46,7 +46,7 @@ class _Count:
 
 def check_robot(
     file: RobotFile, seconds: float, fault_of: Callable[[float, float], str] = lambda x, y: ""
-) -> list[Finding]:
+) -> list[PartCheck]:
     """Connects to the robot's router and listens.
 
     Args:
@@ -61,7 +61,7 @@ def check_robot(
             time.sleep(seconds)
             try:
                 return [
-                    Finding("router", True, f"reached at {file.router}, domain {file.domain}"),
+                    PartCheck("router", True, f"reached at {file.router}, domain {file.domain}"),
                     *_topics(file, session, counts),
                     _clock(counts),
                     *_place(file, body, fault_of),
@@ -73,7 +73,7 @@ def check_robot(
         what = (
             "is rmw_zenohd running there (ros2 run rmw_zenoh_cpp rmw_zenohd), and does a firewall let its port through?"
         )
-        return [Finding("router", False, f"{error}: {what}")]
+        return [PartCheck("router", False, f"{error}: {what}")]
 
 
 def _count(file: RobotFile, session: RosSession) -> dict[str, tuple[str, str, _Count]]:
@@ -92,7 +92,7 @@ def _count(file: RobotFile, session: RosSession) -> dict[str, tuple[str, str, _C
     return counts
 
 
-def _topics(file: RobotFile, session: RosSession, counts: dict[str, tuple[str, str, _Count]]) -> list[Finding]:
+def _topics(file: RobotFile, session: RosSession, counts: dict[str, tuple[str, str, _Count]]) -> list[PartCheck]:
     found = []
     for part, (topic, kind, count) in counts.items():
         name = qualified(topic, file.namespace)
@@ -100,14 +100,16 @@ def _topics(file: RobotFile, session: RosSession, counts: dict[str, tuple[str, s
         if not publishers:
             near = sorted({e.name for e in session.graph.entities() if e.kind == "MP" and e.type_name == kind})
             have = f"; of this type there are {', '.join(near[:6])}" if near else ""
-            found.append(Finding(part, False, f"nobody publishes {name}{have}. Set topics.{_entry(part)} in the file"))
+            found.append(
+                PartCheck(part, False, f"nobody publishes {name}{have}. Set topics.{_entry(part)} in the file")
+            )
         elif publishers[0].type_name != kind:
-            found.append(Finding(part, False, f"{name} has the type {publishers[0].type_name}, expected {kind}"))
+            found.append(PartCheck(part, False, f"{name} has the type {publishers[0].type_name}, expected {kind}"))
         elif count.hz < _LEAST_HZ[part]:
             message = f"{name} comes {count.hz:.1f} times a second, expected {_LEAST_HZ[part]:g} or more"
-            found.append(Finding(part, False, message))
+            found.append(PartCheck(part, False, message))
         else:
-            found.append(Finding(part, True, f"{name}, {count.hz:.1f} a second"))
+            found.append(PartCheck(part, True, f"{name}, {count.hz:.1f} a second"))
     return found
 
 
@@ -115,28 +117,28 @@ def _entry(part: str) -> str:
     return "image" if part == "colour" else part
 
 
-def _clock(counts: dict[str, tuple[str, str, _Count]]) -> Finding:
+def _clock(counts: dict[str, tuple[str, str, _Count]]) -> PartCheck:
     """Stamps are compared with each other only, so another clock does no harm; people should know of it."""
     count = counts["odometry"][2]
     if not count.times_s:
-        return Finding("clock", True, "not known: no odometry came")
+        return PartCheck("clock", True, "not known: no odometry came")
     off_s = count.off_s
     if abs(off_s) < _CLOCK_OFF_S:
-        return Finding("clock", True, f"within {abs(off_s):.1f} s of this machine's")
-    return Finding(
+        return PartCheck("clock", True, f"within {abs(off_s):.1f} s of this machine's")
+    return PartCheck(
         "clock", True, f"{abs(off_s):.0f} s {'ahead of' if off_s > 0 else 'behind'} this machine's; that works"
     )
 
 
-def _place(file: RobotFile, body: Ros2Body, fault_of: Callable[[float, float], str]) -> list[Finding]:
+def _place(file: RobotFile, body: Ros2Body, fault_of: Callable[[float, float], str]) -> list[PartCheck]:
     camera = body.camera_problem()
-    found = [Finding("pictures", not camera, camera or "colour and depth belong together, and can be read")]
+    found = [PartCheck("pictures", not camera, camera or "colour and depth belong together, and can be read")]
     if problem := body.place.problem():
-        return [*found, Finding("place", False, problem)]
+        return [*found, PartCheck("place", False, problem)]
     try:
         at = body.place.base_in_building()
     except TransformError as error:
-        return [*found, Finding("place", False, str(error))]
+        return [*found, PartCheck("place", False, str(error))]
     where = (
         f"the robot is at ({at.x_m:.2f}, {at.y_m:.2f}) m, {math.degrees(at.yaw_rad):.0f} degrees, on floor {file.floor}"
     )
@@ -145,19 +147,21 @@ def _place(file: RobotFile, body: Ros2Body, fault_of: Callable[[float, float], s
     asked = "is that so? If not, measure T_building_map (surveilnav robots frame)"
     return [
         *found,
-        Finding("place", not fault, f"{where}: {fault or asked}"),
-        Finding("camera", True, f"{height_m:.2f} m above its base"),
+        PartCheck("place", not fault, f"{where}: {fault or asked}"),
+        PartCheck("camera", True, f"{height_m:.2f} m above its base"),
     ]
 
 
-def _nav2(file: RobotFile, session: RosSession) -> list[Finding]:
+def _nav2(file: RobotFile, session: RosSession) -> list[PartCheck]:
     if file.drive == "actions":
         name = qualified(file.topics.velocity, file.namespace)
         listens = bool(session.graph.endpoints("MS", name))
-        return [Finding("velocity", listens, name if listens else f"nobody listens to {name}")]
+        return [PartCheck("velocity", listens, name if listens else f"nobody listens to {name}")]
     name = qualified(f"{file.topics.navigate_to_pose}/_action/send_goal", file.namespace)
     if session.graph.endpoints("SS", name):
-        return [Finding("Nav2", True, f"serves {file.topics.navigate_to_pose}")]
+        return [PartCheck("Nav2", True, f"serves {file.topics.navigate_to_pose}")]
     return [
-        Finding("Nav2", False, f"nobody serves {name}. Is Nav2 active (ros2 action list)? Without it: `drive: actions`")
+        PartCheck(
+            "Nav2", False, f"nobody serves {name}. Is Nav2 active (ros2 action list)? Without it: `drive: actions`"
+        )
     ]

@@ -27,13 +27,13 @@ def check(
     from surveilnav.cli.robot_check import check_robot
     from surveilnav.robot_file import load_robot
 
-    found = check_robot(load_robot(file), seconds)
+    checks = check_robot(load_robot(file), seconds)
     if as_json:
-        print_json({"checks": [{"part": f.part, "ok": f.ok, "message": f.message} for f in found]})
-    for finding in [] if as_json else found:
-        mark = "ok     " if finding.ok else "problem"
-        results.print(f"{mark}  {finding.part}: {finding.message}", soft_wrap=True, highlight=False, markup=False)
-    sys.exit(0 if all(f.ok for f in found) else 1)
+        print_json({"checks": [{"part": c.part, "ok": c.ok, "message": c.message} for c in checks]})
+    for c in [] if as_json else checks:
+        mark = "ok     " if c.ok else "problem"
+        results.print(f"{mark}  {c.part}: {c.message}", soft_wrap=True, highlight=False, markup=False)
+    sys.exit(0 if all(c.ok for c in checks) else 1)
 
 
 @needs("services")

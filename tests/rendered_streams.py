@@ -3,18 +3,45 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from subprocess import Popen
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 import yaml
 
-from surveilnav.simulator.simulation import SimulatedBuilding
+from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings
 from tests import streams
 
 SIDE_PX, HFOV_DEG = 640, 100.0
 _SEGMENT, _FPS = 20, 5
+#: A building, and the views of its camera that see a tv.
+BUILDING, VIEWS = "parametric_flat", [("c0-1", 8), ("c0-1", 2)]
+
+
+class Streams(NamedTuple):
+    """A building's RTSP streams, and the process that serves them."""
+
+    building: SimulatedBuilding
+    address: str
+    server: Popen[bytes]
+
+    def cameras_yaml(self) -> str:
+        """The file that describes them."""
+        return cameras_yaml(self.building, VIEWS, self.address)
+
+
+@contextmanager
+def served(folder: Path, host: str = "127.0.0.1") -> Iterator[Streams]:
+    """Renders ``VIEWS`` of ``BUILDING`` into a folder and serves them at ``host``."""
+    building = SimulatedBuilding(SimulationSettings(building=BUILDING, cameras=1))
+    building.prepare()
+    write_streams(building, VIEWS, folder)
+    with streams.rtsp_server(folder, host) as (address, server):
+        yield Streams(building, address, server)
 
 
 def write_streams(

@@ -13,7 +13,11 @@ from pathlib import Path
 
 import yaml
 
+from surveilnav.benchmark.studies.as_real import Truth
 from surveilnav.bus.router import free_port, open_router
+from surveilnav.robot_state import RobotState
+from surveilnav.ros2.session import RosSession
+from tests.waiting import until
 
 #: Where the robot's map lies in the building: somewhere else, and turned.
 MAP_X_M, MAP_Y_M, MAP_YAW_DEG = 1.3, -0.7, 35.0
@@ -62,6 +66,16 @@ def robot_hardware(
         finally:
             process.terminate()
             process.wait(10)
+
+
+def true_state(router: str) -> RobotState:
+    """Where the robot is in truth, which nobody but a test may know: it stands there, on a floor at altitude 0."""
+    truth = Truth()
+    with RosSession("judge", router=router) as session:
+        session.subscribe("/ground_truth", "nav_msgs/msg/Odometry", truth.on_odometry)
+        pose = until(lambda: truth.pose)
+    assert pose is not None
+    return RobotState(pose[0], pose[1], 0.0, truth.floor, pose[2], stopped=True)
 
 
 def write_robot_file(path: Path, router: str, **changes: object) -> Path:

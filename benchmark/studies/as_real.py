@@ -102,10 +102,9 @@ def running(
     program = [str(Path(sys.executable).parent / "surveilnav"), "up", "--as-real", "--building", building]
     program += ["--seed", str(seed), "--perception", "compact", "--logs", str(folder)]
     program += ["--port", str(port), "--router", bus, *(["--cameras", str(cameras)] if cameras is not None else [])]
-    place = f"{start.p_m[0]!r},{start.p_m[1]!r},{start.floor},{math.degrees(start.yaw_rad)!r}"
     with (folder / "up.log").open("w") as out:
         process = subprocess.Popen(
-            program, stdout=out, stderr=out, env=os.environ | {"SURVEILNAV_ROBOT_HARDWARE__START": place}
+            program, stdout=out, stderr=out, env=os.environ | {"SURVEILNAV_ROBOT_HARDWARE__START": start.setting()}
         )
         try:
             with Client(f"http://127.0.0.1:{port}") as client:

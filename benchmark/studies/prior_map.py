@@ -24,9 +24,7 @@ from surveilnav.robot_frame import Nav2Map, PlanarTransform
 from surveilnav.robot_frame.nav2_map import FREE, OCCUPIED, UNKNOWN
 from surveilnav.services.fusion.core.config import FusionConfig
 from surveilnav.services.fusion.core.maps.prior import PriorMap
-from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings
 from surveilnav.simulator.truth.choose import choose_backend
-from surveilnav.simulator.world.goals import Start, find_goals
 from surveilnav.simulator.world.navigation import NavigationMap
 
 ARMS = ("without a map", "with a map", "with a map, no cameras", "without both")
@@ -61,18 +59,12 @@ HEADER = "| | success | SPL | steps, median | way, median |\n|---|---|---|---|--
 def play(golden: canary.Search, n_cameras: int, arm: str, off_m: float) -> EpisodeResult:
     """Plays one search."""
     settings = RunSettings(surveillance=arm in ("without a map", "with a map"))
-    building = SimulatedBuilding(
-        SimulationSettings(building=golden.building, seed=golden.seed, cameras=n_cameras, lighting="flat")
-    )
-    at, navigation = golden.start, building.navigation
-    goals = find_goals(building.scene, navigation, golden.target, caster=building.caster)
-    p_m = (at.x_m, at.y_m, navigation.floors[at.floor].z_m)
-    start = Start(p_m, at.floor, at.yaw_rad, goals.field.at((at.x_m, at.y_m), at.floor))
+    building, goals, start = canary.open_search(golden, n_cameras)
     fusion: FusionConfig = settings.fusion_config()
     if arm.startswith("with a map"):
-        fusion = fusion.model_copy(update={"map": fusion.map.with_priors(priors_of(navigation, off_m))})
+        fusion = fusion.model_copy(update={"map": fusion.map.with_priors(priors_of(building.navigation, off_m))})
     sight = sight_of(building, choose_backend("simulated"), settings)
-    on_floor = at.floor in goals.viewpoints
+    on_floor = start.floor in goals.viewpoints
     return search(sight, settings, goals, start, seed=1, goal_on_floor=on_floor, fusion=fusion)
 
 

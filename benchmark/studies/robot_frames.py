@@ -27,9 +27,7 @@ from surveilnav.benchmark.studies.bad_cameras import MISTAKES, OneBadCamera
 from surveilnav.sensing.views import PosedView
 from surveilnav.services.fusion.core import JointMap
 from surveilnav.services.fusion.core.views.robot_frames import FrameProblem
-from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings
 from surveilnav.simulator.truth.choose import choose_backend
-from surveilnav.simulator.world.goals import Start, find_goals
 
 _HEALTHY = {"sigma_m": 0.03, "sigma_deg": 0.5, "drift": 0.01}
 #: A robot that drives to waypoints takes no stairs here.
@@ -86,13 +84,7 @@ def play(golden: canary.Search, n_cameras: int, arm: str, row: Row) -> str:
     settings = msgspec.convert(
         {**golden.run, "drive": "waypoints", "localisation": dict(ARMS[arm]), "max_steps": 300}, RunSettings
     )
-    building = SimulatedBuilding(
-        SimulationSettings(building=golden.building, seed=golden.seed, cameras=n_cameras, lighting="flat")
-    )
-    at, navigation = golden.start, building.navigation
-    goals = find_goals(building.scene, navigation, golden.target, caster=building.caster)
-    p_m = (at.x_m, at.y_m, navigation.floors[at.floor].z_m)
-    start = Start(p_m, at.floor, at.yaw_rad, goals.field.at((at.x_m, at.y_m), at.floor))
+    building, goals, start = canary.open_search(golden, n_cameras)
     named: list[tuple[int, FrameProblem]] = []
     accused: set[str] = set()
 
@@ -104,17 +96,15 @@ def play(golden: canary.Search, n_cameras: int, arm: str, row: Row) -> str:
 
     sight = sight_of(building, choose_backend("simulated"), settings)
     mistake = next((name for name in MISTAKES if arm.endswith(f"a camera {name}")), "")
-    here = [info for info in sight.infos if info.floor == at.floor]
-    nearest = min(
-        here, key=lambda info: math.dist((at.x_m, at.y_m), info.views[0].T_world_camera.matrix()[:2, 3])
-    ).camera
+    here = [info for info in sight.infos if info.floor == start.floor]
+    nearest = min(here, key=lambda info: math.dist(start.p_m[:2], info.views[0].T_world_camera.matrix()[:2, 3])).camera
     result = search(
         sight,
         settings,
         goals,
         start,
         seed=1,
-        goal_on_floor=at.floor in goals.viewpoints,
+        goal_on_floor=start.floor in goals.viewpoints,
         cameras=OneBadCamera(sight, settings, nearest, MISTAKES[mistake]) if mistake else None,
         on_step=on_step,
     )

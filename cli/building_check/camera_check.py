@@ -15,7 +15,7 @@ from surveilnav.cli.building_check.files import Files
 from surveilnav.cli.building_check.floor_check import Extent
 from surveilnav.cli.calibrating import command_for
 from surveilnav.cli.finding import Finding
-from surveilnav.cli.stream_look import clock_offset_s, look
+from surveilnav.cli.stream_probe import clock_offset_s, probe
 
 #: So far may the clock of a camera be off before people are told; its answer has whole seconds.
 _CLOCK_OFF_S = 2.0
@@ -25,7 +25,7 @@ _SAME_M, _SAME_RAD = 0.05, math.radians(2.0)
 def check_stream(entry: CameraEntry, cameras: CamerasFile, seconds: float) -> Finding:
     """Opens its stream and looks at what comes."""
     what = f"camera {entry.name}, stream"
-    seen = look(entry.stream, cameras.path.parent, seconds)
+    seen = probe(entry.stream, cameras.path.parent, seconds)
     if seen.size_px == (0, 0):
         missing = "environment variable" in seen.problem
         remedy = f"write it into {FILE_NAME} beside {cameras.path.name}" if missing else "correct `stream` in the file"

@@ -14,7 +14,7 @@ from surveilnav.cli.building_check.system_check import check_system
 from surveilnav.cli.finding import Finding
 from surveilnav.cli.perception_check import check_weights
 from surveilnav.cli.robot_check import check_robot
-from surveilnav.cli.stream_look import at_once, deadline_s
+from surveilnav.cli.stream_probe import at_once, deadline_s
 from surveilnav.errors import ConfigError
 from surveilnav.robot_file import RobotFile
 
@@ -96,8 +96,8 @@ def _check_robot(
             return ""
         return f"outside the plan of floor {robot.floor} ({extent}): measure T_building_map (surveilnav robots frame {where})"
 
-    for found in check_robot(robot, seconds, fault_of):
-        findings.append(Finding(f"robot {name}, {found.part}", "ok" if found.ok else "problem", found.message))
+    for check in check_robot(robot, seconds, fault_of):
+        findings.append(Finding(f"robot {name}, {check.part}", "ok" if check.ok else "problem", check.message))
     return findings
 
 

@@ -9,14 +9,14 @@ import re
 from pathlib import Path
 from typing import Annotated, Any
 
-import yaml
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, TypeAdapter, ValidationError
 from pydantic.fields import FieldInfo
+from pydantic_core import ErrorDetails
 
 from surveilnav.contract import ID_PATTERN
-from surveilnav.errors import ConfigError
-from surveilnav.robot_file import Finite, FrameEntry
-from surveilnav.yaml_file import compose, line_of, plain
+from surveilnav.file_entry import Entry, Finite
+from surveilnav.robot_file import FrameEntry
+from surveilnav.yaml_file import read_table
 
 
 def _numbers(value: Any) -> Any:
@@ -55,8 +55,8 @@ SizePx = Annotated[
 Frame = Annotated[FrameEntry, BeforeValidator(_frame)]
 
 
-class _Answers(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, coerce_numbers_to_str=True)
+class _Answers(Entry):
+    model_config = ConfigDict(coerce_numbers_to_str=True)
 
 
 class FloorAnswers(_Answers):
@@ -171,22 +171,18 @@ def load_answers(path: Path) -> Answers:
     Raises:
         ConfigError: it can't be read or used; the message names the line, and has nothing of a password.
     """
-    root = compose(path, "file of answers")
-    if not isinstance(root, yaml.MappingNode):
-        raise ConfigError(f"{path}: expected a table that begins with `building:`; the file is empty or something else")
-    try:
-        return Answers.model_validate(plain(root, as_text=True))  # passwords such as 0123 stay as they are
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = [part for part in first["loc"] if not str(part).startswith("function-")]
-        told = _expected(where) or str(first["msg"]).removeprefix("Value error, ")
-        told = "it is missing" if first["type"] == "missing" else told
-        raise ConfigError(f"{path}, line {line_of(root, where)}: {'.'.join(map(str, where))}: {told}") from None
-    except ValueError as error:
-        raise ConfigError(f"{path}: {error}") from None
+    expected = "a table that begins with `building:`; the file is empty or something else"
+    # as text: passwords such as 0123 stay as they are
+    return read_table(path, "file of answers", Answers, expected, as_text=True, fault=_fault)[0]
 
 
-def _expected(where: list[int | str]) -> str:
+def _fault(error: ErrorDetails) -> str:
+    told = _expected(error["loc"]) or error["msg"].removeprefix("Value error, ")
+    told = "it is missing" if error["type"] == "missing" else told
+    return f"{'.'.join(map(str, error['loc']))}: {told}"
+
+
+def _expected(where: tuple[int | str, ...]) -> str:
     """What the question at a place in the file expects; empty: there is no such question."""
     models: dict[str, type[_Answers]] = {"floors": FloorAnswers, "cameras": CameraAnswers, "robots": RobotAnswers}
     model = models.get(str(where[0])) if len(where) > 2 else Answers if len(where) == 1 else None

@@ -69,14 +69,14 @@ def _sizes_px(answers: Answers, folder: Path) -> dict[str, tuple[int, int]]:
     from surveilnav.cameras_file.urls import with_secrets
     from surveilnav.cli.building_setup.texts import DEFAULT_PX, stream_of
     from surveilnav.cli.progress import counting
-    from surveilnav.cli.stream_look import Look, at_once, deadline_s, look
+    from surveilnav.cli.stream_probe import ProbeResult, at_once, deadline_s, probe
 
     asked = {c.name: stream_of(c) for c in answers.cameras if c.picture_px is None}
     if not asked:
         return {}
     tasks = {}
     for name, (stream, secrets) in asked.items():
-        tasks[name] = partial(look, with_secrets(stream, secrets) if secrets else stream, folder, 0.0)
+        tasks[name] = partial(probe, with_secrets(stream, secrets) if secrets else stream, folder, 0.0)
     with counting(console, "streams") as progress:
         done: list[str] = []
 
@@ -84,13 +84,13 @@ def _sizes_px(answers: Answers, folder: Path) -> dict[str, tuple[int, int]]:
             done.append(name)
             progress(len(done), len(tasks), name)
 
-        looks = at_once(tasks, deadline_s(len(tasks)), lambda _: Look(problem="it doesn't answer"), on_done)
-    for name, seen in looks.items():
+        probed = at_once(tasks, deadline_s(len(tasks)), lambda _: ProbeResult(problem="it doesn't answer"), on_done)
+    for name, seen in probed.items():
         if seen.size_px == (0, 0):
             width, height = DEFAULT_PX
             told = f"camera {name}: {seen.problem}. Its pictures are taken to have {width}x{height} pixels"
             console.print(f"note: {told}", markup=False, soft_wrap=True)
-    return {name: seen.size_px for name, seen in looks.items() if seen.size_px != (0, 0)}
+    return {name: seen.size_px for name, seen in probed.items() if seen.size_px != (0, 0)}
 
 
 def _next_commands(answers: Answers, floors: dict[str, FloorFiles], folder: Path) -> list[str]:

@@ -7,17 +7,14 @@ import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import cv2
-
 from surveilnav.camera_pose import load_floor_plan
-from surveilnav.camera_pose.floor_plan import PlanFile, read_plan_file
+from surveilnav.camera_pose.floor_plan import PlanFile, read_picture, read_plan_file
 from surveilnav.cli.building_setup.answers import FloorAnswers
 from surveilnav.errors import ConfigError
 from surveilnav.robot_file import FrameEntry
 from surveilnav.robot_frame.nav2_map import load_nav2_map
 
 _YAML = (".yaml", ".yml")
-_MAX_BYTES = 256 << 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +43,7 @@ def check_plan(plan: Path) -> None:
     if has_scale(plan):
         load_floor_plan(plan)
     else:
-        _width_px(plan)
+        read_picture(plan)
 
 
 def files_of_floor(name: str, floor: FloorAnswers, base: Path, folder: Path) -> FloorFiles:
@@ -101,7 +98,7 @@ def _with_picture(path: Path, folder: Path, to: str, written: dict[str, bytes]) 
 
 def _with_scale(name: str, picture: Path, width_m: float | None, folder: Path, written: dict[str, bytes]) -> str:
     """Writes a plan's ``.yaml``, beside a copy of its picture unless that lies in the folder."""
-    width_px = _width_px(picture)
+    width_px = read_picture(picture).shape[1]
     if width_m is None:
         raise ConfigError(
             f"floor {name}: plan_width_m is missing: how many metres wide is what {picture} shows, from its left to its right "
@@ -119,17 +116,3 @@ def _with_scale(name: str, picture: Path, width_m: float | None, folder: Path, w
         f"floor: '{name}'\n"
     ).encode()
     return f"plans/{name}.yaml"
-
-
-def _width_px(picture: Path) -> int:
-    if not picture.is_file():
-        raise ConfigError(f"there is no file {picture}")
-    if picture.stat().st_size > _MAX_BYTES:
-        raise ConfigError(f"{picture} has more than {_MAX_BYTES >> 20} MiB")
-    try:
-        read = cv2.imread(str(picture), cv2.IMREAD_UNCHANGED)
-    except cv2.error:
-        read = None
-    if read is None:
-        raise ConfigError(f"{picture} isn't a picture that can be read; save the plan as PNG or JPEG")
-    return int(read.shape[1])

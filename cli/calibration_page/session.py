@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AllowInfNan, BaseModel, ConfigDict, Field
+from pydantic import Field, FiniteFloat
 
 from surveilnav.camera_pose import Clicks, load_clicks, load_floor_plan
 from surveilnav.camera_pose.points import MAX_POINTS, ClickedPoint, ClicksFile, save_clicks
@@ -18,24 +18,20 @@ from surveilnav.cameras_file.edit import write_camera
 from surveilnav.cli.calibrating import Calibrated, calibrate, camera_entry, camera_picture, require_match
 from surveilnav.cli.calibration_page.solution import solution
 from surveilnav.errors import ConfigError, PoseError, SurveilNavError
+from surveilnav.file_entry import Entry
 
 _JPEG_QUALITY = 95  # people click to a pixel
-_Finite = Annotated[float, AllowInfNan(False)]
 
 
-class _Entry(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class Pair(_Entry):
+class Pair(Entry):
     """A point in the picture, and the same one on the plan. Pixel (0, 0) is the centre of the top left one."""
 
-    px: tuple[_Finite, _Finite]
-    plan_px: tuple[_Finite, _Finite]
-    z_m: Annotated[_Finite, Field(ge=-20, le=50)] = 0.0
+    px: tuple[FiniteFloat, FiniteFloat]
+    plan_px: tuple[FiniteFloat, FiniteFloat]
+    z_m: Annotated[FiniteFloat, Field(ge=-20, le=50)] = 0.0
 
 
-class Pairs(_Entry):
+class Pairs(Entry):
     """All that a person decides on the page."""
 
     points: list[Pair] = Field(max_length=MAX_POINTS)

@@ -126,7 +126,13 @@ class MissionBus:
             self._pause(_LOOKING_S)
 
     def move(
-        self, action: str, seq: int, mission: str, to_floor: str | None = None, waypoint: WaypointPose | None = None
+        self,
+        action: str,
+        seq: int,
+        mission: str,
+        to_floor: str | None = None,
+        waypoint: WaypointPose | None = None,
+        found: bool = False,
     ) -> bool:
         """Has the robot carry out one action after observation ``seq``. False: it is at another observation, so it didn't.
 
@@ -139,7 +145,7 @@ class MissionBus:
         began_s = time.monotonic()
         while True:
             try:
-                return self._command(action, seq, mission, to_floor, waypoint).seq == seq + 1
+                return self._command(action, seq, mission, to_floor, waypoint, found).seq == seq + 1
             except Unanswered as error:
                 self._wait_for_robot(began_s, error)
                 newest = self.robot_status().seq
@@ -169,7 +175,7 @@ class MissionBus:
             self.node.log.warning(f"couldn't have the robot {what}", robot=self.robot, error=str(error))
 
     def _command(
-        self, action: str, seq: int, mission: str, to_floor: str | None, waypoint: WaypointPose | None
+        self, action: str, seq: int, mission: str, to_floor: str | None, waypoint: WaypointPose | None, found: bool
     ) -> CommandReply:
         command = Command(
             stamp_ns=clock_ns(),
@@ -179,6 +185,7 @@ class MissionBus:
             to_floor=to_floor,
             mission=mission,
             waypoint=waypoint,
+            found=found,
         )
         reply: CommandReply = self.node.ask(
             ROBOT_COMMAND, command, robot=self.robot, timeout_s=self.settings.ask_timeout_s

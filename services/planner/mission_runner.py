@@ -331,7 +331,7 @@ class MissionRunner:
             self._end("failed", error=pending.error, message=pending.message)
             return True
         try:
-            if not self._bus.move("stop", pending.seq, self.id):
+            if not self._bus.move("stop", pending.seq, self.id, found=True):
                 return False
         except Refused as refused:
             raise MissionFailedError("stuck", f"robot {self.robot} refused to stop: {refused}") from refused

@@ -28,13 +28,19 @@ class WaypointBus(MissionBus):
                 return status, maps
 
     def move(
-        self, action: str, seq: int, mission: str, to_floor: str | None = None, waypoint: WaypointPose | None = None
+        self,
+        action: str,
+        seq: int,
+        mission: str,
+        to_floor: str | None = None,
+        waypoint: WaypointPose | None = None,
+        found: bool = False,
     ) -> bool:
         """Sends a command until the robot answers. Returns whether it was accepted; raises what ``MissionBus.move`` does."""
         began_s = time.monotonic()
         while True:
             try:
-                return self._command(action, seq, mission, to_floor, waypoint).accepted
+                return self._command(action, seq, mission, to_floor, waypoint, found).accepted
             except Unanswered as error:
                 self._wait_for_robot(began_s, error)
 

@@ -60,7 +60,7 @@ class CommandHandler:
             self.problem, self.request_id, self.must_report = "", request_id(), True
             self._deadline_s = None if body.state.stopped else time.monotonic() + command.deadline_ms / 1000
             self._node.wake.set()
-            if self._judge is not None:
+            if self._judge is not None and command.found:
                 self._judge.judge_stop(body.state)
             return Answer(CommandReply(stamp_ns=clock_ns(), accepted=True, seq=body.state.seq))
 

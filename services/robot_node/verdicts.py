@@ -1,4 +1,4 @@
-"""Simulation only: judges whether a robot that called ``stop`` found its target, and publishes the verdict."""
+"""Simulation only: judges whether a robot that stops at what was found is at its target, and publishes the verdict."""
 
 from __future__ import annotations
 
@@ -30,7 +30,10 @@ class StopJudge:
         node.serve(JUDGED, self._on_query, source=self._source)
 
     def judge_stop(self, state: RobotState) -> None:
-        """Starts to judge the mission if the robot called ``stop`` in ``state``; otherwise does nothing."""
+        """Starts to judge the mission if the robot called ``stop`` in ``state``; otherwise does nothing.
+
+        To be called only for a stop at what was found: a mission that failed is no success, wherever its robot came to stand.
+        """
         if state.stopped and state.mission:
             publish = keep_request_id(self._publish_verdict)
             threading.Thread(target=publish, args=(state,), name="verdict", daemon=True).start()

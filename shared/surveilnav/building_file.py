@@ -9,15 +9,13 @@ import math
 from pathlib import Path
 from typing import Annotated, Literal
 
-import yaml
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from surveilnav.contract import ID_PATTERN
-from surveilnav.errors import ConfigError
-from surveilnav.geometry.polygon import MAX_CORNERS, polygon_fault
+from surveilnav.file_entry import Corners, Entry
 from surveilnav.messages.area import MAX_ENTRIES, MAX_M, MAX_NAME
 from surveilnav.robot_file import FrameEntry
-from surveilnav.yaml_file import compose, line_of, plain
+from surveilnav.yaml_file import read_table
 
 
 def _in_reach(value: float) -> float:
@@ -26,32 +24,21 @@ def _in_reach(value: float) -> float:
     return value
 
 
-def _polygon(corners: list[tuple[float, float]]) -> list[tuple[float, float]]:
-    if fault := polygon_fault(corners):
-        raise ValueError(fault)
-    return corners
-
-
 Metres = Annotated[float, AfterValidator(_in_reach)]
-Outline = Annotated[list[tuple[Metres, Metres]], Field(min_length=3, max_length=MAX_CORNERS), AfterValidator(_polygon)]
 _Label = Annotated[str, Field(min_length=1, max_length=MAX_NAME)]
 _Id = Annotated[str, Field(pattern=ID_PATTERN)]
 
 
-class _Entry(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class PassageEntry(_Entry):
+class PassageEntry(Entry):
     """A door or a lift that robots pass."""
 
     kind: Literal["door", "lift"] = "door"
-    outline_m: Outline = Field(
+    outline_m: Corners[Metres] = Field(
         description="corners (x, y) [m] in the building's frame of the place that robots pass only while it is open"
     )
 
 
-class BuildingFloor(_Entry):
+class BuildingFloor(Entry):
     """What is known of a floor before anything has seen it."""
 
     plan: Path | None = Field(
@@ -61,7 +48,7 @@ class BuildingFloor(_Entry):
         None, description="Nav2's map of it, a `map.yaml`: walls and free space that are known"
     )
     T_building_map: FrameEntry | None = Field(None, description="where the origin of `nav2_map` lies in the building")
-    keepout: Annotated[dict[_Label, Outline], Field(max_length=MAX_ENTRIES)] = Field(
+    keepout: Annotated[dict[_Label, Corners[Metres]], Field(max_length=MAX_ENTRIES)] = Field(
         {}, description="outlines of places where no robot is sent, by their names for people: corners (x, y) [m]"
     )
     passages: Annotated[dict[_Id, PassageEntry], Field(max_length=MAX_ENTRIES)] = Field(
@@ -77,7 +64,7 @@ class BuildingFloor(_Entry):
         return self
 
 
-class BuildingFile(_Entry):
+class BuildingFile(Entry):
     """One building. Paths are relative to the file."""
 
     building: _Label = Field(description="its name for people")
@@ -99,17 +86,8 @@ def load_building(path: Path, text: str | None = None) -> BuildingFile:
     Raises:
         ConfigError: it can't be read or used; the message names the line.
     """
-    root = compose(path, "building file", text)
-    if not isinstance(root, yaml.MappingNode):
-        raise ConfigError(f"{path}: expected a table that begins with `building:`; the file is empty or something else")
-    try:
-        read = BuildingFile.model_validate(plain(root))
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"])
-        raise ConfigError(f"{path}, line {line_of(root, first['loc'])}: {where}: {first['msg']}") from None
-    except ValueError as error:
-        raise ConfigError(f"{path}: {error}") from None
+    expected = "a table that begins with `building:`; the file is empty or something else"
+    read, _ = read_table(path, "building file", BuildingFile, expected, text)
     return _with_absolute_paths(read, path.resolve().parent)
 
 

@@ -6,32 +6,20 @@ import math
 from pathlib import Path
 from typing import Annotated, Literal
 
-import yaml
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field
 
 from surveilnav import robot_body
 from surveilnav.contract import ID_PATTERN
 from surveilnav.errors import ConfigError
+from surveilnav.file_entry import Entry, Finite
 from surveilnav.robot_frame import PlanarTransform
 from surveilnav.storage import atomic_write
-from surveilnav.yaml_file import compose, line_of, plain
+from surveilnav.yaml_file import read_table
 
-
-def _finite(value: float) -> float:
-    if not math.isfinite(value):
-        raise ValueError("expected a finite number")
-    return value
-
-
-Finite = Annotated[float, AfterValidator(_finite)]
 _Name = Annotated[str, Field(max_length=200, pattern=r"^[A-Za-z0-9_~/{}.-]*$")]
 
 
-class _Entry(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class FrameEntry(_Entry):
+class FrameEntry(Entry):
     """Where the robot's map lies in the building."""
 
     x_m: Annotated[Finite, Field(ge=-1e5, le=1e5)] = Field(
@@ -44,7 +32,7 @@ class FrameEntry(_Entry):
         return PlanarTransform(self.x_m, self.y_m, math.radians(self.yaw_deg))
 
 
-class FramesEntry(_Entry):
+class FramesEntry(Entry):
     """The frames of the robot's transform tree."""
 
     map: _Name = Field("map", description="the frame that its localisation keeps fixed; `odom` for a robot without one")
@@ -52,7 +40,7 @@ class FramesEntry(_Entry):
     base: _Name = Field("base_link", description="its base on the floor, x forward")
 
 
-class TopicsEntry(_Entry):
+class TopicsEntry(Entry):
     """Topics and actions; a name without a leading slash lies in the robot's namespace. Empty: the robot doesn't have it."""
 
     tf: _Name = Field("/tf", description="tf2_msgs/TFMessage; `tf` if each robot has its own in its namespace")
@@ -81,7 +69,7 @@ class TopicsEntry(_Entry):
     velocity_stamped: bool = Field(False, description="the velocity is a TwistStamped")
 
 
-class BodyEntry(_Entry):
+class BodyEntry(Entry):
     """Its size."""
 
     radius_m: Annotated[Finite, Field(gt=0, le=2)] = Field(
@@ -92,7 +80,7 @@ class BodyEntry(_Entry):
     )
 
 
-class RobotFile(_Entry):
+class RobotFile(Entry):
     """One robot."""
 
     router: str = Field(
@@ -127,17 +115,8 @@ def load_robot(path: Path, text: str | None = None) -> RobotFile:
     Raises:
         ConfigError: it can't be read or used; the message names the line.
     """
-    root = compose(path, "robot file", text)
-    if not isinstance(root, yaml.MappingNode):
-        raise ConfigError(f"{path}: expected a table that begins with `router:`; the file is empty or something else")
-    try:
-        return RobotFile.model_validate(plain(root))
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"])
-        raise ConfigError(f"{path}, line {line_of(root, first['loc'])}: {where}: {first['msg']}") from None
-    except ValueError as error:
-        raise ConfigError(f"{path}: {error}") from None
+    expected = "a table that begins with `router:`; the file is empty or something else"
+    return read_table(path, "robot file", RobotFile, expected, text)[0]
 
 
 def write_frame(path: Path, T_building_map: PlanarTransform) -> None:

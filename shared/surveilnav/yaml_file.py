@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import yaml
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
 
 from surveilnav.errors import ConfigError
 
@@ -16,6 +18,8 @@ _MAX_DEPTH, _MAX_ENTRIES = 50, 500_000
 #: PyYAML looks at each open bracket for each word, so that 500 open brackets take seconds: it stops at so many.
 _MAX_BRACKETS = 2 * _MAX_DEPTH
 
+_Model = TypeVar("_Model", bound=BaseModel)
+
 
 class ShallowLoader(yaml.SafeLoader):  # type: ignore[misc]
     """PyYAML's safe loader, which refuses brackets in more brackets than anybody writes."""
@@ -24,6 +28,47 @@ class ShallowLoader(yaml.SafeLoader):  # type: ignore[misc]
         if self.flow_level >= _MAX_BRACKETS:
             raise yaml.scanner.ScannerError(None, None, f"more than {_MAX_BRACKETS} open brackets", self.get_mark())
         super().fetch_flow_collection_start(TokenClass)
+
+
+def entry_fault(error: ErrorDetails) -> str:
+    """What is wrong with an entry, after the entry's name."""
+    return f"{'.'.join(map(str, error['loc']))}: {error['msg']}"
+
+
+def read_table(
+    path: Path,
+    what: str,
+    model: type[_Model],
+    expected: str,
+    text: str | None = None,
+    *,
+    as_text: bool = False,
+    fault: Callable[[ErrorDetails], str] = entry_fault,
+    max_faults: int | None = 1,
+) -> tuple[_Model, yaml.Node]:
+    """A file that holds one table: its entries, and its root node, of which ``line_of`` tells where an entry stands.
+
+    Args:
+        what: what the file is, for messages, such as "building file".
+        expected: what the file should hold, for the message about a file without a table.
+        text: what the file is going to hold; None: what it holds now.
+        as_text: numbers, dates and the like stay the text that was written (``plain``).
+        fault: what is wrong with an entry, for messages.
+        max_faults: how many mistakes the message names at most, each on a line of its own; None: all of them.
+
+    Raises:
+        ConfigError: it can't be read or used; the message names the line.
+    """
+    root = compose(path, what, text)
+    if not isinstance(root, yaml.MappingNode):
+        raise ConfigError(f"{path}: expected {expected}")
+    try:
+        return model.model_validate(plain(root, as_text=as_text)), root
+    except ValidationError as error:
+        faults = [f"{path}, line {line_of(root, e['loc'])}: {fault(e)}" for e in error.errors()[:max_faults]]
+        raise ConfigError("\n".join(faults)) from None
+    except ValueError as error:
+        raise ConfigError(f"{path}: {error}") from None
 
 
 def compose(path: Path, what: str, text: str | None = None) -> yaml.Node | None:

@@ -99,6 +99,10 @@ class Start:
     shortest_path_m: float
     notes: tuple[str, ...] = ()
 
+    def setting(self) -> str:
+        """The place as a simulated robot's setting ``start`` has it, to the last digit: x,y,floor,yaw_deg."""
+        return f"{self.p_m[0]!r},{self.p_m[1]!r},{self.floor},{math.degrees(self.yaw_rad)!r}"
+
 
 @dataclass(frozen=True, slots=True)
 class Verdict:

@@ -20,7 +20,7 @@ from typer.testing import CliRunner
 import surveilnav.cli.building_check.check as check
 from surveilnav.bus.router import free_port, open_router
 from surveilnav.cli.main import app
-from surveilnav.cli.stream_look import at_once, clock_offset_s
+from surveilnav.cli.stream_probe import at_once, clock_offset_s
 from tests import streams
 from tests.robot_hardware import write_robot_file
 

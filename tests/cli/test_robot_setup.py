@@ -139,10 +139,10 @@ cameras:
 """
 
 
-def write_sightings(path, T_building_map, T_building_said):
+def write_sightings(path, T_building_map, T_building_reported):
     """What the robot's tag looked like, and where the robot said it stood by a frame that isn't its own."""
     scene = scene_from_poses(random_stops(np.random.default_rng(0), 10))
-    T = T_building_said @ T_building_map.inverse()
+    T = T_building_reported @ T_building_map.inverse()
     for stop in scene.sightings.stops:
         stop.x_m, stop.y_m = map(float, T.apply((stop.x_m, stop.y_m)))
         stop.yaw_rad += T.yaw_rad

@@ -15,15 +15,13 @@ import numpy as np
 import pytest
 import yaml
 
-from surveilnav.ros2.session import RosSession
-from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings
-from tests import rendered_streams, streams
+from surveilnav.simulator.simulation import SimulatedBuilding
+from tests import rendered_streams
 from tests.compose.stack import ROOT, UP_S, Stack, host_as_containers_see_it, missing
-from tests.robot_hardware import Hardware, in_map, robot_hardware
+from tests.robot_hardware import Hardware, in_map, robot_hardware, true_state
 from tests.waiting import until
 
 pytestmark = [pytest.mark.compose, pytest.mark.slow, pytest.mark.timeout(UP_S + 600)]
-BUILDING, VIEWS = "parametric_flat", [("c0-1", 8), ("c0-1", 2)]
 
 
 def surveilnav(*arguments: str) -> subprocess.CompletedProcess[str]:
@@ -49,15 +47,12 @@ def site(tmp_path_factory: pytest.TempPathFactory, home_cache: Path) -> Iterator
     with pytest.MonkeyPatch.context() as environ:
         environ.setenv("SURVEILNAV_CACHE_DIR", str(home_cache))
         environ.setenv("SURVEILNAV_SIM__LIGHTING", "baked")
-        building = SimulatedBuilding(SimulationSettings(building=BUILDING, cameras=1))
-        building.prepare()
-        rendered_streams.write_streams(building, VIEWS, videos)
         with (
-            streams.rtsp_server(videos, host) as (address, _),
-            robot_hardware(videos, BUILDING, start="6.67,6.08,0,30", host=host) as robot,
+            rendered_streams.served(videos, host) as streams,
+            robot_hardware(videos, rendered_streams.BUILDING, start="6.67,6.08,0,30", host=host) as robot,
         ):
             answers = videos / "answers.yaml"
-            answers.write_text(yaml.safe_dump(answers_of(building, videos, address, robot.router)))
+            answers.write_text(yaml.safe_dump(answers_of(streams, videos, robot.router)))
             done = surveilnav("init", str(folder), "--answers", str(answers))
             assert done.returncode == 0, done.stdout + done.stderr
             measure_frame(folder / "robots" / "r1.yaml")
@@ -70,10 +65,10 @@ def site(tmp_path_factory: pytest.TempPathFactory, home_cache: Path) -> Iterator
                 yield site
 
 
-def answers_of(building: SimulatedBuilding, folder: Path, address: str, router: str) -> dict[str, Any]:
+def answers_of(streams: rendered_streams.Streams, folder: Path, router: str) -> dict[str, Any]:
     """What somebody who has measured everything answers."""
-    file = yaml.safe_load(rendered_streams.cameras_yaml(building, VIEWS, address))
-    write_map(building, folder)
+    file = yaml.safe_load(streams.cameras_yaml())
+    write_map(streams.building, folder)
     cameras = [
         {
             "name": camera["name"],
@@ -109,14 +104,10 @@ def measure_frame(file: Path) -> None:
     assert done.returncode == 0, done.stdout + done.stderr
 
 
-def true_place(robot: Hardware) -> tuple[float, float]:
+def true_place(site: Site) -> tuple[float, float]:
     """Where the robot is in truth [m]."""
-    came: list[Any] = []
-    with RosSession("judge", router=robot.router) as session:
-        session.subscribe("/ground_truth", "nav_msgs/msg/Odometry", came.append)
-        until(lambda: came)
-    place = came[-1].data.pose.pose.position
-    return place.x, place.y
+    stands = true_state(site.hardware.router)
+    return stands.x_m, stands.y_m
 
 
 def problems_of(done: subprocess.CompletedProcess[str]) -> Sequence[dict[str, str]]:
@@ -126,7 +117,7 @@ def problems_of(done: subprocess.CompletedProcess[str]) -> Sequence[dict[str, st
 def test_the_robot_is_where_it_is_in_truth_and_the_cameras_are_live(site: Site) -> None:
     until(lambda: site.get("/api/v1/robots")["items"], site.state, 60.0)
     (robot,) = site.get("/api/v1/robots")["items"]
-    assert math.dist(robot["position_m"][:2], true_place(site.hardware)) < 0.2, robot
+    assert math.dist(robot["position_m"][:2], true_place(site)) < 0.2, robot
 
     def live() -> list[str]:
         return sorted(c["id"] for c in site.get("/api/v1/cameras")["items"] if c["stream"]["state"] == "live")
@@ -144,10 +135,10 @@ def test_the_doctor_finds_nothing_to_mend(site: Site) -> None:
 
 
 def test_a_search_moves_the_robot(site: Site) -> None:
-    before = true_place(site.hardware)
+    before = true_place(site)
     ended = site.search("tv")
     assert ended["state"] == "done", site.state()
-    assert math.dist(before, true_place(site.hardware)) > 0.3
+    assert math.dist(before, true_place(site)) > 0.3
 
 
 def test_the_images_hold_no_simulator(site: Site) -> None:

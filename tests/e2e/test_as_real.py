@@ -15,18 +15,14 @@ import pytest
 from surveilnav.bus.router import free_port
 from surveilnav.contract import MISSION_PLAN, ROBOT_STATUS
 from surveilnav.messages import FINISHED_STATES, RobotStatus
-from surveilnav.robot_state import RobotState
-from surveilnav.ros2.session import RosSession
-from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings
 from surveilnav.simulator.world.goals import find_goals, judge
-from tests import rendered_streams, streams
+from tests import rendered_streams
 from tests.e2e.conftest import System, starting
-from tests.robot_hardware import Hardware, robot_hardware
+from tests.robot_hardware import Hardware, robot_hardware, true_state
 from tests.waiting import until
 
 #: Has Python refuse to import the simulator (``sitecustomize``).
 REFUSAL = Path(__file__).parent / "without_simulator"
-BUILDING, VIEWS = "parametric_flat", [("c0-1", 8), ("c0-1", 2)]
 
 
 @dataclass
@@ -44,17 +40,14 @@ def real(tmp_path_factory: pytest.TempPathFactory, home_cache: Path) -> Iterator
     with pytest.MonkeyPatch.context() as environ:
         environ.setenv("SURVEILNAV_CACHE_DIR", str(home_cache))
         environ.setenv("SURVEILNAV_SIM__LIGHTING", "baked")
-        building = SimulatedBuilding(SimulationSettings(building=BUILDING, cameras=1))
-        building.prepare()
-        rendered_streams.write_streams(building, VIEWS, folder)
         with (
-            streams.rtsp_server(folder) as (address, _),
-            robot_hardware(folder, BUILDING, start="6.67,6.08,0,30") as robot,
+            rendered_streams.served(folder) as streams,
+            robot_hardware(folder, rendered_streams.BUILDING, start="6.67,6.08,0,30") as robot,
             starting(tmp_path_factory.mktemp("system"), home_cache) as start,
         ):
             environ.setenv("PYTHONPATH", str(REFUSAL))
             file = folder / "cameras.yaml"
-            file.write_text(rendered_streams.cameras_yaml(building, VIEWS, address))
+            file.write_text(streams.cameras_yaml())
             yield Real(
                 start(
                     cameras=1,
@@ -75,24 +68,14 @@ def status_of(system: System) -> RobotStatus:
     return status
 
 
-def true_pose(robot: Hardware) -> tuple[float, float, float]:
-    """Where the robot is in truth, which nobody but a test may know: x, y [m], yaw [rad] in the building."""
-    came = []
-    with RosSession("judge", router=robot.router) as session:
-        session.subscribe("/ground_truth", "nav_msgs/msg/Odometry", came.append)
-        until(lambda: came)
-    pose = came[-1].data.pose.pose
-    return pose.position.x, pose.position.y, 2 * math.atan2(pose.orientation.z, pose.orientation.w)
-
-
 @pytest.mark.slow
 def test_the_robot_is_where_its_file_and_its_transforms_put_it(real: Real) -> None:
     until(lambda: status_of(real.system).seq > 0, lambda: status_of(real.system).message, timeout_s=30.0)
     status = status_of(real.system)
-    x, y, yaw = true_pose(real.robot)
-    assert math.dist(status.T_world_base.translation_m[:2], (x, y)) < 0.15
+    true = true_state(real.robot.router)
+    assert math.dist(status.T_world_base.translation_m[:2], (true.x_m, true.y_m)) < 0.15
     T = status.T_world_base.matrix()
-    assert abs(math.remainder(math.atan2(T[1, 0], T[0, 0]) - yaw, 2 * math.pi)) < 0.05
+    assert abs(math.remainder(math.atan2(T[1, 0], T[0, 0]) - true.yaw_rad, 2 * math.pi)) < 0.05
     assert (status.description.drive, status.description.camera_height_m) == ("waypoints", pytest.approx(0.88))
 
 
@@ -147,10 +130,9 @@ def test_a_search_is_found_and_the_robot_stands_at_the_target_in_truth(real: Rea
     assert (status.state, status.found) == ("done", True), status
     plan = system.node.ask(MISSION_PLAN, mission="m1").message
     assert plan.action == "stop"
-    x, y, yaw = true_pose(real.robot)
+    stands = true_state(real.robot.router)
     building = system.building
     goals = find_goals(building.scene, building.navigation, "tv", caster=building.caster)
-    stands = RobotState(x, y, 0.0, "0", yaw, stopped=True)
     verdict = judge(goals, stands, shortest_path_m=0.0)
     assert verdict.distance_to_viewpoint_m < 0.5, "it stands at a tv, but for its own error of localisation"
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -14,13 +13,12 @@ from surveilnav.cli.hardware import Hardware
 from surveilnav.cli.replay.check import check
 from surveilnav.contract import MISSION_PLAN, RECORDINGS, VIEW_LOG
 from surveilnav.messages import FINISHED_STATES
-from surveilnav.robot_state import RobotState
-from surveilnav.ros2.session import RosSession
 from surveilnav.services.recorder.recorded import RecordedMessage, read_recording
 from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings
 from surveilnav.simulator.world.goals import find_goals, judge, sample_start
 from tests.e2e.conftest import System, starting
 from tests.e2e.test_as_real import REFUSAL
+from tests.robot_hardware import true_state
 from tests.waiting import until
 
 pytestmark = pytest.mark.slow
@@ -49,8 +47,7 @@ def home(
         made = SimulatedBuilding(SimulationSettings(building=building, cameras=n_cameras))
         goals = find_goals(made.scene, made.navigation, target, caster=made.caster)
         start = sample_start(made.scene, made.navigation, goals, seed=0, caster=made.caster)
-        place = f"{start.p_m[0]!r},{start.p_m[1]!r},{start.floor},{math.degrees(start.yaw_rad)!r}"
-        environ.setenv("SURVEILNAV_ROBOT_HARDWARE__START", place)
+        environ.setenv("SURVEILNAV_ROBOT_HARDWARE__START", start.setting())
         environ.setenv("SURVEILNAV_SIM__BUILDING", building)
         environ.setenv("SURVEILNAV_SIM__CAMERAS", str(n_cameras))
         with (
@@ -76,16 +73,10 @@ def test_a_home_is_searched_and_the_whole_search_recorded(
     home: tuple[System, Hardware, SimulatedBuilding, str],
 ) -> None:
     system, hardware, building, target = home
-    came: list = []
-    with RosSession("judge", router=hardware.ros_router) as session:
-        session.subscribe("/ground_truth", "nav_msgs/msg/Odometry", came.append)
-        system.search(target)
-        status = system.wait(lambda s: s.state in FINISHED_STATES, 300.0)
+    system.search(target)
+    status = system.wait(lambda s: s.state in FINISHED_STATES, 300.0)
     assert (status.state, status.found) == ("done", True), status
-    pose = came[-1].data.pose.pose
-    yaw_rad = 2 * math.atan2(pose.orientation.z, pose.orientation.w)
-    floor = came[-1].data.header.frame_id.rpartition("/")[2]
-    stands = RobotState(pose.position.x, pose.position.y, 0.0, floor, yaw_rad, stopped=True)
+    stands = true_state(hardware.ros_router)
     goals = find_goals(building.scene, building.navigation, target, caster=building.caster)
     assert judge(goals, stands, shortest_path_m=0.0).distance_to_viewpoint_m < 0.5, "in truth"
     _check_recording(system)

@@ -17,12 +17,9 @@ from surveilnav.contract import CAMERA_INFO, MAP_LAYER, OBJECTS
 from surveilnav.errors import GatewayError
 from surveilnav.messages import FINISHED_STATES, CameraInfo, ObjectRecord
 from surveilnav.sensing.packing import unpack_array
-from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings
-from tests import rendered_streams, streams
+from tests import rendered_streams
 from tests.e2e.conftest import System, starting
 from tests.waiting import until
-
-VIEWS = [("c0-1", 8), ("c0-1", 2)]
 
 
 @dataclass
@@ -37,18 +34,15 @@ class Streamed:
 @pytest.fixture(scope="module")
 def streamed(tmp_path_factory: pytest.TempPathFactory, home_cache: Path) -> Iterator[Streamed]:
     folder = tmp_path_factory.mktemp("rtsp")
-    building = SimulatedBuilding(SimulationSettings(building="parametric_flat", cameras=1))
-    building.prepare()
-    rendered_streams.write_streams(building, VIEWS, folder)
     with (
-        streams.rtsp_server(folder) as (address, server),
+        rendered_streams.served(folder) as streams,
         starting(tmp_path_factory.mktemp("system"), home_cache) as start,
     ):
         file = folder / "cameras.yaml"
-        file.write_text(rendered_streams.cameras_yaml(building, VIEWS, address))
+        file.write_text(streams.cameras_yaml())
         yield Streamed(
             start(cameras=1, perception="compact", cameras_file=file, lighting="baked", gateway_port=free_port()),
-            server,
+            streams.server,
             file,
         )
 

@@ -8,6 +8,7 @@ import pytest
 from surveilnav.errors import ConfigError
 from surveilnav.simulator.robot_start import start_state
 from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings
+from surveilnav.simulator.world.goals import find_goals, sample_start
 
 
 @pytest.fixture(scope="module")
@@ -25,6 +26,13 @@ def test_a_start_is_where_it_is_set_or_free_ground(flat):
     for start in (start_state(flat, "", ""), start_state(flat, "", "bed")):
         assert flat.navigation.is_navigable(start.p_world, start.floor)
     assert start_state(flat, "", "") == start_state(flat, "", "")
+
+
+def test_a_start_written_as_a_setting_is_read_as_the_same_place(flat):
+    goals = find_goals(flat.scene, flat.navigation, "bed", caster=flat.caster)
+    start = sample_start(flat.scene, flat.navigation, goals, seed=3, caster=flat.caster)
+    state = start_state(flat, start.setting(), "")
+    assert (state.p_world, state.floor, state.yaw_rad) == (start.p_m, start.floor, pytest.approx(start.yaw_rad))
 
 
 @pytest.mark.parametrize(

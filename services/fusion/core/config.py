@@ -31,9 +31,8 @@ ValueFusion = Literal["average", "confidence", "latest"]
 class MapConfig(ConfigPart):
     """Point cloud, obstacle map, exploration map and frontiers of a floor."""
 
-    _priors: Mapping[str, PriorMap] = PrivateAttr(
-        default={}
-    )  # no setting: arrays from files that the building file names
+    #: By floor. No setting: arrays from files that the building file names.
+    _priors: Mapping[str, PriorMap] = PrivateAttr(default={})
 
     tau_z_m: float = Field(
         default=0.4, gt=0, description="tau_z of eq. 1: a view within this of a floor's altitude belongs to that floor"
@@ -151,9 +150,9 @@ class MapConfig(ConfigPart):
     def _with_priors_written(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """A recording's settings hold what was known before, so that the same maps come of it wherever it is played."""
         out: dict[str, Any] = handler(self)
-        return (
-            out | {"priors": {floor: prior.to_text() for floor, prior in self._priors.items()}} if self._priors else out
-        )
+        if self._priors:
+            out["priors"] = {floor: prior.to_text() for floor, prior in self._priors.items()}
+        return out
 
     @model_validator(mode="wrap")
     @classmethod

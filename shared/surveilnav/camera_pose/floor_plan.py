@@ -14,15 +14,14 @@ from typing import Annotated, TypeVar
 
 import cv2
 import numpy as np
-import yaml
 from numpy.typing import NDArray
-from pydantic import AllowInfNan, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
+from pydantic_core import ErrorDetails
 
 from surveilnav.errors import ConfigError
-from surveilnav.yaml_file import compose, line_of, plain
+from surveilnav.yaml_file import line_of, read_table
 
 _MAX_BYTES = 256 << 20
-_Finite = Annotated[float, AllowInfNan(False)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,8 +70,8 @@ class PlanFile(BaseModel):
     model_config = ConfigDict(extra="ignore", frozen=True)
 
     image: str = Field(min_length=1)
-    resolution: Annotated[_Finite, Field(gt=0, le=10)]
-    origin: tuple[_Finite, _Finite] | tuple[_Finite, _Finite, _Finite] = (0.0, 0.0, 0.0)
+    resolution: Annotated[FiniteFloat, Field(gt=0, le=10)]
+    origin: tuple[FiniteFloat, FiniteFloat] | tuple[FiniteFloat, FiniteFloat, FiniteFloat] = (0.0, 0.0, 0.0)
     negate: bool = False
     occupied_thresh: Annotated[float, Field(gt=0, lt=1)] = 0.65
     floor: str = ""
@@ -113,25 +112,13 @@ def read_plan_file(path: Path, what: str, model: type[_File]) -> tuple[_File, in
     Raises:
         ConfigError: it can't be read, or has mistakes; the first is named at its line.
     """
-    root = compose(path, what)
-    if not isinstance(root, yaml.MappingNode):
-        raise ConfigError(f"{path}: expected a table with image, resolution and origin (Nav2's map.yaml)")
-    try:
-        entry = model.model_validate(plain(root))
-    except ValidationError as error:
-        raise ConfigError(f"{path}, line {_line(root, error)}: {_sentence(error)}") from None
-    except ValueError as error:
-        raise ConfigError(f"{path}: {error}") from None
+    expected = "a table with image, resolution and origin (Nav2's map.yaml)"
+    entry, root = read_table(path, what, model, expected, fault=_fault)
     return entry, line_of(root, ("image",))
 
 
-def _line(root: yaml.Node, error: ValidationError) -> int:
-    return line_of(root, error.errors()[0]["loc"])
-
-
-def _sentence(error: ValidationError) -> str:
-    first = error.errors()[0]
-    where = str(first["loc"][0]) if first["loc"] else "the file"
+def _fault(error: ErrorDetails) -> str:
+    where = str(error["loc"][0]) if error["loc"] else "the file"
     expected = {
         "image": "the plan's picture, such as `image: ground.png`",
         "resolution": "the plan's scale: how many metres a pixel is wide, such as `resolution: 0.05`. To find it, divide the "
@@ -139,8 +126,8 @@ def _sentence(error: ValidationError) -> str:
         "origin": "where the picture's lower left corner lies in the building (x [m], y [m], yaw [rad]), such as "
         "`origin: [-3.5, 0.0, 0.0]`",
     }
-    arrived = "is missing" if first["type"] == "missing" else f"is {first['input']!r}, which doesn't fit"
-    return f"{where} {arrived}: expected {expected.get(where, first['msg'])}"
+    arrived = "is missing" if error["type"] == "missing" else f"is {error['input']!r}, which doesn't fit"
+    return f"{where} {arrived}: expected {expected.get(where, error['msg'])}"
 
 
 def read_plan_picture(plan: Path, image: str, line: int) -> tuple[Path, NDArray[np.uint8]]:
@@ -155,24 +142,25 @@ def read_plan_picture(plan: Path, image: str, line: int) -> tuple[Path, NDArray[
     """
     try:
         path = plan.parent / Path(image).expanduser()
-        return path, _pixels(plan, path, line)
-    except (OSError, ValueError, RuntimeError) as error:  # no name of a file, or of a user's folder
+        if not path.is_file():
+            raise ConfigError(f"there is no file {path}; its path is relative to {plan.name}")
+        return path, read_picture(path)
+    except (ConfigError, OSError, ValueError, RuntimeError) as error:  # also no name of a file, or of a user's folder
         raise ConfigError(f"{plan}, line {line}: image: {error}") from None
 
 
-def _pixels(plan: Path, path: Path, line: int) -> NDArray[np.uint8]:
+def read_picture(path: Path) -> NDArray[np.uint8]:
+    """The pixels (height, width[, channels]) of a plan's picture as OpenCV reads them. ConfigError: it can't be read."""
     if not path.is_file():
-        raise ConfigError(f"{plan}, line {line}: image: there is no file {path}; its path is relative to {plan.name}")
+        raise ConfigError(f"there is no file {path}")
     if path.stat().st_size > _MAX_BYTES:
-        raise ConfigError(f"{plan}, line {line}: image: {path} has more than {_MAX_BYTES >> 20} MiB")
+        raise ConfigError(f"{path} has more than {_MAX_BYTES >> 20} MiB")
     try:
         picture = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     except cv2.error:  # more pixels than OpenCV reads
         picture = None
     if picture is None:
-        raise ConfigError(
-            f"{plan}, line {line}: image: {path} isn't a picture that can be read; save the plan as PNG, PGM or JPEG"
-        )
+        raise ConfigError(f"{path} isn't a picture that can be read; save the plan as PNG, PGM or JPEG")
     if picture.dtype == np.uint16:
         picture = (picture >> 8).astype(np.uint8)
     return np.asarray(picture)

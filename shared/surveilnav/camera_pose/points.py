@@ -5,37 +5,37 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
-from pydantic import AllowInfNan, BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, FiniteFloat, model_validator
+from pydantic_core import ErrorDetails
 
 from surveilnav.camera_pose.floor_plan import FloorPlan, load_floor_plan
 from surveilnav.contract import ID_PATTERN
 from surveilnav.errors import ConfigError
+from surveilnav.file_entry import Entry
 from surveilnav.storage import atomic_write
-from surveilnav.yaml_file import compose, line_of, plain
-
-_Finite = Annotated[float, AllowInfNan(False)]
-
+from surveilnav.yaml_file import line_of, read_table
 
 #: Of a file.
 MAX_POINTS = 500
 
 
-class _Entry(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class ClickedPoint(_Entry):
+class ClickedPoint(Entry):
     """A point that was clicked in the picture, and where it is in the building."""
 
-    px: tuple[_Finite, _Finite] = Field(description="(u, v) in the camera's picture as it comes from the stream")
-    plan_px: tuple[_Finite, _Finite] | None = Field(None, description="(column, row) in the plan's picture; or `xy_m`")
-    xy_m: tuple[_Finite, _Finite] | None = Field(None, description="(x, y) [m] in the building's frame; or `plan_px`")
-    z_m: Annotated[_Finite, Field(ge=-20, le=50)] = Field(0.0, description="height above the camera's floor [m]")
+    px: tuple[FiniteFloat, FiniteFloat] = Field(
+        description="(u, v) in the camera's picture as it comes from the stream"
+    )
+    plan_px: tuple[FiniteFloat, FiniteFloat] | None = Field(
+        None, description="(column, row) in the plan's picture; or `xy_m`"
+    )
+    xy_m: tuple[FiniteFloat, FiniteFloat] | None = Field(
+        None, description="(x, y) [m] in the building's frame; or `plan_px`"
+    )
+    z_m: Annotated[FiniteFloat, Field(ge=-20, le=50)] = Field(0.0, description="height above the camera's floor [m]")
 
     @model_validator(mode="after")
     def _one_place(self) -> ClickedPoint:
@@ -44,7 +44,7 @@ class ClickedPoint(_Entry):
         return self
 
 
-class ClicksFile(_Entry):
+class ClicksFile(Entry):
     """The file of one camera's clicks."""
 
     camera: str = Field(pattern=ID_PATTERN, description="the camera's name in cameras.yaml")
@@ -76,16 +76,8 @@ def load_clicks(path: Path) -> Clicks:
     Raises:
         ConfigError: one of the two can't be read, or has a mistake; all mistakes of the clicks are named, each at its line.
     """
-    root = compose(path, "file of clicks")
-    if not isinstance(root, yaml.MappingNode):
-        raise ConfigError(f"{path}: expected a table with camera, plan and points; the file is empty or something else")
-    try:
-        entry = ClicksFile.model_validate(plain(root))
-    except ValidationError as error:
-        faults = [f"{path}, line {line_of(root, e['loc'])}: {_sentence(e)}" for e in error.errors()]
-        raise ConfigError("\n".join(faults)) from None
-    except ValueError as error:
-        raise ConfigError(f"{path}: {error}") from None
+    expected = "a table with camera, plan and points; the file is empty or something else"
+    entry, root = read_table(path, "file of clicks", ClicksFile, expected, fault=_fault, max_faults=None)
     lines = tuple(line_of(root, ("points", i)) for i in range(len(entry.points)))
     plan = load_floor_plan(_plan_path(path, entry.plan)) if entry.plan else None
     places = []
@@ -138,9 +130,9 @@ def _place(point: ClickedPoint, plan: FloorPlan | None, where: str) -> tuple[flo
     return float(x), float(y)
 
 
-def _sentence(error: Any) -> str:
-    loc = list(error["loc"])
-    where = f"point {loc[1] + 1}: " if len(loc) > 1 and loc[0] == "points" else ""
+def _fault(error: ErrorDetails) -> str:
+    loc = error["loc"]
+    where = f"point {int(loc[1]) + 1}: " if len(loc) > 1 and loc[0] == "points" else ""
     name = ".".join(str(part) for part in (loc[2:] if where else loc))
-    message = str(error["msg"]).removeprefix("Value error, ")
+    message = error["msg"].removeprefix("Value error, ")
     return f"{where}{name}: {message}" if name else f"{where}{message}"

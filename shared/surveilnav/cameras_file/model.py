@@ -5,52 +5,31 @@ from __future__ import annotations
 import math
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from surveilnav.contract import ID_PATTERN
+from surveilnav.file_entry import Corners, Entry, Finite
 from surveilnav.geometry import Matrix4, Pinhole, camera_pose
 from surveilnav.geometry.lens import BrownConrady, KannalaBrandt, Lens
-from surveilnav.geometry.polygon import MAX_CORNERS, MAX_ZONES, polygon_fault
+from surveilnav.geometry.polygon import MAX_ZONES
 
-
-class _Entry(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-def _finite(value: float) -> float:
-    if not math.isfinite(value):
-        raise ValueError("expected a finite number")
-    return value
-
-
-Finite = Annotated[float, AfterValidator(_finite)]
 Share = Annotated[float, Field(ge=0, le=1)]
 
 
-def _polygon(corners: list[tuple[float, float]]) -> list[tuple[float, float]]:
-    if fault := polygon_fault(corners):
-        raise ValueError(fault)
-    return corners
-
-
-Zone = Annotated[list[tuple[Share, Share]], Field(min_length=3, max_length=MAX_CORNERS), AfterValidator(_polygon)]
-
-
-Outline = Annotated[list[tuple[Finite, Finite]], Field(min_length=3, max_length=MAX_CORNERS), AfterValidator(_polygon)]
-
-
-class FloorEntry(_Entry):
+class FloorEntry(Entry):
     """One floor of the building."""
 
     z_m: Finite = Field(description="altitude of the floor's surface [m] in the building's frame")
-    rooms: Annotated[dict[Annotated[str, Field(min_length=1, max_length=100)], Outline], Field(max_length=200)] = Field(
+    rooms: Annotated[
+        dict[Annotated[str, Field(min_length=1, max_length=100)], Corners[Finite]], Field(max_length=200)
+    ] = Field(
         {},
         description="outlines of rooms by their names for people: corners (x, y) [m] in the building's frame. Answers name "
         "the room in which something was seen, and the rooms that no camera sees",
     )
 
 
-class LensEntry(_Entry):
+class LensEntry(Entry):
     """The lens, for pictures of ``width_px`` x ``height_px`` as they come from the stream."""
 
     model: Literal["pinhole", "fisheye"] = Field(
@@ -105,7 +84,7 @@ class LensEntry(_Entry):
         return self.width_px / (2 * half_rad * (1 + sum(c * half_rad ** (2 * i + 2) for i, c in enumerate(k))))
 
 
-class CameraEntry(_Entry):
+class CameraEntry(Entry):
     """One camera."""
 
     name: str = Field(pattern=ID_PATTERN, description="its name on the bus: letters, digits, `_`, `.`, `-`")
@@ -135,7 +114,7 @@ class CameraEntry(_Entry):
     )
     max_width_px: int = Field(640, ge=64, le=4096, description="width of the pictures that it sends")
     max_hz: float = Field(1.0, gt=0, le=30, description="pictures a second that it sends, at most")
-    zones: list[Zone] = Field(
+    zones: list[Corners[Share]] = Field(
         [],
         max_length=MAX_ZONES,
         description="polygons that nobody is ever shown; corners (x, y) as shares of the stream's width and height",
@@ -149,7 +128,7 @@ class CameraEntry(_Entry):
         return T
 
 
-class FileModel(_Entry):
+class FileModel(Entry):
     """The file of a building's real cameras, ``cameras.yaml``."""
 
     building: str = Field("", description="the building's name, for people")

@@ -156,6 +156,7 @@ class Command(Message, frozen=True, kw_only=True):
         to_floor: destination of ``take_stairs``.
         mission: the mission that it belongs to.
         waypoint: destination of ``drive_to``.
+        found: with ``stop``: the robot stops because it is at the target. False where a mission ends in another way.
     """
 
     action: ActionName
@@ -164,6 +165,7 @@ class Command(Message, frozen=True, kw_only=True):
     to_floor: str | None = None
     mission: str = ""
     waypoint: WaypointPose | None = None
+    found: bool = False
 
 
 class CommandReply(Message, frozen=True, kw_only=True):

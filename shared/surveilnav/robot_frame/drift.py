@@ -1,4 +1,4 @@
-"""Whether a robot's frame has moved: by what several cameras say of where it stands.
+"""Whether a robot's frame has moved: by the corrections of its pose that several cameras ask for.
 
 Where a camera and a robot disagree, either may be wrong. Only a second camera can tell: if two cameras that see the same robot
 ask for the same correction, the robot's frame is wrong; if only one does and another agrees with the robot, that camera is.
@@ -33,14 +33,14 @@ def is_large(correction: PlanarTransform, p_robot: ArrayLike) -> bool:
 
 @dataclass(slots=True)
 class DriftMonitor:
-    """What cameras say of one robot's frame, each its newest word.
+    """The newest comparison of one robot's frame with each camera.
 
     Attributes:
-        corrections: by camera that disagrees, ``T_building_said``: takes where the robot says that something is to where the
-            camera has measured it.
+        corrections: by camera that disagrees, the correction that it asks for (``T_building_reported``): takes a point as the
+            robot reports it to where the camera has measured it.
         agreeing: cameras that agree with the robot.
         correction: of a robot whose frame is known to be wrong, the correction; None: it isn't known to be.
-        witnesses: the cameras that said so.
+        witnesses: the cameras that ask for this correction.
     """
 
     corrections: dict[str, PlanarTransform] = field(default_factory=dict)
@@ -49,29 +49,29 @@ class DriftMonitor:
     witnesses: tuple[str, ...] = ()
     _n_agreeing: int = 0
 
-    def record(self, said: Mapping[str, PlanarTransform | None], p_robot: ArrayLike) -> None:
+    def record(self, answers: Mapping[str, PlanarTransform | None], p_robot: ArrayLike) -> None:
         """Records one comparison.
 
         Args:
-            said: by camera that could be compared, the correction that it asks for; None: it agrees with the robot.
-            p_robot: (2,) where the robot says that it stands [m, building].
+            answers: by camera that could be compared, the correction that it asks for; None: it agrees with the robot.
+            p_robot: (2,) the robot's position as it reports it [m, building].
         """
-        for camera, correction in said.items():
+        for camera, correction in answers.items():
             self._drop(camera)
             if correction is None:
                 self.agreeing.add(camera)
             else:
                 self.corrections[camera] = correction
         if self.correction is None:
-            self._name(p_robot)
-        elif said:
-            disagreeing = any(correction is not None for correction in said.values())
+            self._find_consensus(p_robot)
+        elif answers:
+            disagreeing = any(correction is not None for correction in answers.values())
             self._n_agreeing = 0 if disagreeing else self._n_agreeing + 1
             if self._n_agreeing >= _MIN_AGREEING:
                 self.correction, self.witnesses, self._n_agreeing = None, (), 0
                 self.corrections = {}
             elif disagreeing:
-                self._name(p_robot)  # it may have moved farther
+                self._find_consensus(p_robot)  # it may have moved farther
 
     def is_contradicted_by(self, camera: str, p_robot: ArrayLike) -> bool:
         """Whether this camera is the one that is wrong: no other asks for its correction, and another agrees with the robot."""
@@ -81,7 +81,7 @@ class DriftMonitor:
         return not any(name != camera and _is_same(own, T, p_robot) for name, T in self.corrections.items())
 
     def forget(self, camera: str) -> None:
-        """Forgets what a camera has said, for good. A frame that fewer than two cameras still call wrong isn't known to be."""
+        """Forgets a camera's answers, for good. A frame that fewer than two cameras still call wrong isn't known to be."""
         self._drop(camera)
         self.witnesses = tuple(name for name in self.witnesses if name != camera)
         if len(self.witnesses) < 2:
@@ -92,7 +92,7 @@ class DriftMonitor:
         self.corrections.pop(camera, None)
 
     def restart(self) -> None:
-        """Forgets what was said of a frame that the robot has no more. What is known to be wrong stays so until cameras agree."""
+        """Forgets the answers about a frame that the robot has no more. A known error stays known until cameras agree."""
         self.corrections, self.agreeing, self._n_agreeing = {}, set(), 0
 
     def state(self) -> dict[str, Any]:
@@ -117,7 +117,7 @@ class DriftMonitor:
             state["n_agreeing"],
         )
 
-    def _name(self, p_robot: ArrayLike) -> None:
+    def _find_consensus(self, p_robot: ArrayLike) -> None:
         """Finds the correction that most cameras ask for, if two do, and more than twice as many as agree with the robot."""
         best: tuple[str, ...] = ()
         for T in self.corrections.values():

@@ -145,7 +145,7 @@ def planner_of(make_node, target):
 
 
 @pytest.mark.parametrize("says", [(True, 0.05), (False, None)])
-def test_a_stop_is_judged_and_told_to_whoever_asks(make_node, client, command, says):
+def test_a_stop_at_what_was_found_is_judged_and_told_to_whoever_asks(make_node, client, command, says):
     asked = []
 
     def judge(target, state):
@@ -159,9 +159,10 @@ def test_a_stop_is_judged_and_told_to_whoever_asks(make_node, client, command, s
     heard = client.table(JUDGED)
     command("move_forward", 0)
     command("stop", 1)
+    command("stop", 2, found=True)
     verdict = until(heard.rows)[0].message
     assert (verdict.mission, verdict.robot, verdict.success, verdict.distance_m) == ("m1", "r1", *says)
-    assert asked == [("tv", True)], "only a stop is judged"
+    assert asked == [("tv", True)], "neither a move nor the stop of a mission that failed is judged"
     assert [row.message for row in client.ask_all(JUDGED)] == [verdict]
     del planner
 
@@ -169,7 +170,7 @@ def test_a_stop_is_judged_and_told_to_whoever_asks(make_node, client, command, s
 def test_a_real_robot_has_no_judge(robot, client, command, make_node):
     planner = planner_of(make_node, "tv")
     robot(Body())
-    command("stop", 0)
+    command("stop", 0, found=True)
     assert client.ask_all(JUDGED, timeout_s=0.5) == []
     del planner
 

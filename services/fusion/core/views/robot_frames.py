@@ -3,7 +3,7 @@
 A robot that is off looks through what cameras have measured, just as if a camera were described wrongly. So before a camera is
 accused, what the robot has seen lately is matched with what each camera nearby has measured (``pose_fit``). It is, too, where
 much of it lies at no place that cameras have measured, although they have measured around it. Which of both is wrong then
-follows from what several cameras say (``surveilnav.robot_frame.drift``).
+follows from the corrections that several cameras ask for (``surveilnav.robot_frame.drift``).
 """
 
 from __future__ import annotations
@@ -34,7 +34,8 @@ _NEAR_M, _MIN_NEAR, _MAX_ASKED = 0.6, 300, 4
 _MAX_SEEN_M = 100.0
 #: Unclear corrections of several cameras count if they are this similar, and not larger than this.
 _COINCIDE_M, _COINCIDE_RAD, _MAX_UNCLEAR_M = 0.2, math.radians(2.5), 0.9
-#: What one camera says is put to so many others. They answer if points fit so well, and so many times as well as otherwise.
+#: One camera's correction is tested with so many others. A test is clear if points fit so well, and so many times as well as
+#: by the alternative.
 _MAX_TESTED, _MIN_TEST_SCORE, _TIMES_TESTED = 12, 0.4, 1.5
 #: The description is right if points fit so well by it, and so nearly as well as by the best correction.
 _MIN_SCORE, _TIMES_DESCRIBED = 0.45, 1.3
@@ -55,8 +56,8 @@ class FrameProblem:
 
     Attributes:
         why: what is wrong and what to do, for people.
-        correction: takes where the robot says that something is to where it is by the cameras.
-        dx_m, dy_m, dyaw_rad: how the robot must be moved and turned from where it said that it stands.
+        correction: takes a point as the robot reports it to where the cameras have measured it.
+        dx_m, dy_m, dyaw_rad: how the robot must be moved and turned from the pose that it reports.
     """
 
     why: str
@@ -136,25 +137,25 @@ class _Robot:
             if len(near) >= _MIN_NEAR:
                 overlaps.append((-len(near), camera, near, others))
         overlaps.sort(key=lambda found: found[:2])
-        said: dict[str, PlanarTransform | None] = {}
+        answers: dict[str, PlanarTransform | None] = {}
         unclear: dict[str, PlanarTransform] = {}
         for _, camera, near, others in overlaps[:_MAX_ASKED]:
             found = fit_pose(near, others, self.p, floor_z_m)
             if found is not None:
-                _add_word(said, unclear, camera, found, self.p)
-        _add_coinciding(said, unclear, self.p)
-        # what one camera says is put to the others: to see that it is so takes less than to find it
-        by, hypothesis = self._hypothesis(said)
+                _add_correction(answers, unclear, camera, found, self.p)
+        _add_coinciding(answers, unclear, self.p)
+        # One camera's correction is tested with the others: that takes weaker evidence than finding it does.
+        by, hypothesis = self._hypothesis(answers)
         if hypothesis is not None:
             for _, camera, near, others in overlaps[:_MAX_TESTED]:
-                if camera != by and camera not in said:
-                    _add_answer(said, camera, hypothesis, near, others, self.places[-1])
-        self.monitor.record(said, self.p)
+                if camera != by and camera not in answers:
+                    _add_tested(answers, camera, hypothesis, near, others, self.places[-1])
+        self.monitor.record(answers, self.p)
 
-    def _hypothesis(self, said: Mapping[str, PlanarTransform | None]) -> tuple[str, PlanarTransform | None]:
-        """A camera that asks for a correction, and the correction: now or, if none does, what one has said before."""
-        now = [(camera, T) for camera, T in said.items() if T is not None]
-        before = [(camera, T) for camera, T in sorted(self.monitor.corrections.items()) if camera not in said]
+    def _hypothesis(self, answers: Mapping[str, PlanarTransform | None]) -> tuple[str, PlanarTransform | None]:
+        """A camera that asks for a correction, and the correction: now or, if none does, one from earlier comparisons."""
+        now = [(camera, T) for camera, T in answers.items() if T is not None]
+        before = [(camera, T) for camera, T in sorted(self.monitor.corrections.items()) if camera not in answers]
         return next(iter(now + before), ("", self.monitor.correction))
 
     def state(self) -> dict[str, Any]:
@@ -251,7 +252,7 @@ class RobotFrames:
         return ""
 
     def forget(self, source: str) -> None:
-        """Forgets what a camera has said, since it is another one now, or all that is known of a robot."""
+        """Forgets a camera's answers, since it is another one now, or all that is known of a robot."""
         self._robots.pop(source, None)
         self._waiting.pop(source, None)
         for robot in self._robots.values():
@@ -319,40 +320,40 @@ def _share_beside(points: _Points, others: _Points) -> float:
     return float(there[tuple(np.floor((points - low) / _CELL_M).astype(np.int64).T)].mean())
 
 
-def _add_word(
-    said: dict[str, PlanarTransform | None],
+def _add_correction(
+    answers: dict[str, PlanarTransform | None],
     unclear: dict[str, PlanarTransform],
     camera: str,
     found: PoseCorrection,
     p: _Points,
 ) -> None:
-    """Adds what a camera says of a robot at (2,) ``p``, if that is clear; else to ``unclear``, if it is a correction."""
+    """Adds a camera's answer about a robot at (2,) ``p``: a clear correction, None for agreement, else perhaps to ``unclear``."""
     turn = PlanarTransform(0.0, 0.0, found.yaw_rad)
     x, y = p + np.array([found.x_m, found.y_m]) - turn.apply(p)
     correction = PlanarTransform(float(x), float(y), found.yaw_rad)
     large = is_large(correction, p)
     is_much_better = found.score >= max(_MIN_CORRECTED, _TIMES_CORRECTED * found.described_score)
     if large and found.is_clear and is_much_better:
-        said[camera] = correction
+        answers[camera] = correction
     elif found.score >= _MIN_SCORE:
         is_as_described = found.score <= _TIMES_DESCRIBED * found.described_score
         if is_as_described or (found.is_clear and not large):
-            said[camera] = None
+            answers[camera] = None
     at_the_end = max(abs(found.x_m), abs(found.y_m)) > _MAX_UNCLEAR_M  # of what was tried: the best may lie beyond it
-    if camera not in said and large and not at_the_end and found.score >= _TIMES_DESCRIBED * found.described_score:
+    if camera not in answers and large and not at_the_end and found.score >= _TIMES_DESCRIBED * found.described_score:
         unclear[camera] = correction
 
 
 def _add_coinciding(
-    said: dict[str, PlanarTransform | None], unclear: Mapping[str, PlanarTransform], p: _Points
+    answers: dict[str, PlanarTransform | None], unclear: Mapping[str, PlanarTransform], p: _Points
 ) -> None:
     """Adds unclear corrections that coincide: by chance, those of three cameras don't, nor does one with a clear one."""
-    clear = {camera: T for camera, T in said.items() if T is not None}
+    clear = {camera: T for camera, T in answers.items() if T is not None}
     corrections = {**unclear, **clear}
     for camera, T in unclear.items():
         same = {name for name, other in corrections.items() if name != camera and _coincide(T, other, p)}
         if len(same) >= 2 or same & clear.keys():
-            said[camera] = T
+            answers[camera] = T
 
 
 def _coincide(one: PlanarTransform, other: PlanarTransform, p: _Points) -> bool:
@@ -360,22 +361,22 @@ def _coincide(one: PlanarTransform, other: PlanarTransform, p: _Points) -> bool:
     return off_m <= _COINCIDE_M and off_rad <= _COINCIDE_RAD
 
 
-def _add_answer(
-    said: dict[str, PlanarTransform | None],
+def _add_tested(
+    answers: dict[str, PlanarTransform | None],
     camera: str,
     hypothesis: PlanarTransform,
     points: _Points,
     others: _Points,
     place: tuple[float, float, float, float],
 ) -> None:
-    """Adds whether a camera agrees with a correction that another asks for, or with the robot, if it is clearly one of both."""
+    """Tests another camera's correction: adds it if this camera's points clearly fit better with it, None if without it."""
     p = np.array(place[:2])
     dx_m, dy_m = (hypothesis.apply(p) - p).tolist()
     by_robot, corrected = score_poses(points, others, p, place[3], [(0.0, 0.0, 0.0), (hypothesis.yaw_rad, dx_m, dy_m)])
     if corrected >= max(_MIN_TEST_SCORE, _TIMES_TESTED * by_robot):
-        said[camera] = hypothesis
+        answers[camera] = hypothesis
     elif by_robot >= max(_MIN_TEST_SCORE, _TIMES_TESTED * corrected):
-        said[camera] = None
+        answers[camera] = None
 
 
 def _cameras_of(cloud: VoxelCloud) -> set[str]:

@@ -104,9 +104,8 @@ def build_terrain(
     prior_free = maps.occupancy[window] == PRIOR_FREE  # nobody has looked there yet, but the way is known
     occupancy = ((maps.occupancy[window] != 0) & ~estimated & ~prior_free).astype(np.uint8)
     _paint(occupancy, grid, state.here.visited[-200:], 0.0, value=0)
-    if any(
-        area.kind == "open" for area in maps.areas
-    ):  # what the map holds there is the door, from before it was opened
+    if any(area.kind == "open" for area in maps.areas):
+        # What the map holds there is the door, from before it was opened.
         estimated |= (occupancy != 0) & (opened := cells_in(grid, maps.areas, "open"))
         occupancy[opened] = 0
     occupied, explored = occupancy != 0, (maps.explored[window] != 0) | prior_free
@@ -123,13 +122,10 @@ def build_terrain(
     known = explored & ~occupied & ~estimated
     terrain = Terrain(grid, row0, col0, occupied, known, clearance, speed, bumps, revisit)
     barred = barred_cells(grid, maps.areas, config.robot_radius_m) if maps.areas else None
-    return (
-        terrain
-        if barred is None
-        else _with_barred(
-            terrain, barred, robot, config, stands_in=bool(barring_area(maps.areas, robot.x_m, robot.y_m))
-        )
-    )
+    if barred is None:
+        return terrain
+    stands_in = bool(barring_area(maps.areas, robot.x_m, robot.y_m))
+    return _with_barred(terrain, barred, robot, config, stands_in=stands_in)
 
 
 def _with_barred(
@@ -143,15 +139,13 @@ def _with_barred(
     here = terrain.cell(robot.x_m, robot.y_m)
     row, col = here
     around = barred.inside[max(0, row - 1) : row + 2, max(0, col - 1) : col + 2]
-    must_leave = stands_in or bool(
-        around.all()
-    )  # a robot at the outermost cells just drives on: navigation cuts corners
+    # A robot at the outermost cells just drives on: navigation cuts corners.
+    must_leave = stands_in or bool(around.all())
     if must_leave:
         passable = way_out(barred, here)
     elif barred.near[here]:
-        passable = (
-            terrain.disc(robot.x_m, robot.y_m, config.robot_radius_m + config.robot_free_radius_m) & ~barred.inside
-        )
+        radius_m = config.robot_radius_m + config.robot_free_radius_m
+        passable = terrain.disc(robot.x_m, robot.y_m, radius_m) & ~barred.inside
         passable[here] = True
     speed = np.where(barred.near, 0.0, terrain.speed)
     speed[passable & barred.near] = _WAY_OUT_SPEED * terrain.speed[passable & barred.near]

@@ -9,47 +9,42 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
-from pydantic import AllowInfNan, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field, FiniteFloat
 
 from surveilnav.camera_pose.tag.detection import TAGS
 from surveilnav.contract import ID_PATTERN
 from surveilnav.errors import ConfigError
+from surveilnav.file_entry import Entry
 from surveilnav.storage import atomic_write
-from surveilnav.yaml_file import compose, line_of, plain
+from surveilnav.yaml_file import line_of, read_table
 
-_Finite = Annotated[float, AllowInfNan(False)]
 _Id = Annotated[str, Field(pattern=ID_PATTERN)]
-_Pixel = tuple[_Finite, _Finite]
+_Pixel = tuple[FiniteFloat, FiniteFloat]
 _Corners = tuple[_Pixel, _Pixel, _Pixel, _Pixel]
 
 
-class _Entry(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class Tag(_Entry):
+class Tag(Entry):
     """The tag that the robot carries."""
 
     id: int = Field(0, ge=0, lt=TAGS, description="number of the tag in the family 36h11")
-    size_m: Annotated[_Finite, Field(gt=0.01, le=2)] = Field(description="side of the black square [m]")
-    height_m: Annotated[_Finite, Field(ge=0, le=5)] = Field(description="the tag's centre above the floor [m]")
+    size_m: Annotated[FiniteFloat, Field(gt=0.01, le=2)] = Field(description="side of the black square [m]")
+    height_m: Annotated[FiniteFloat, Field(ge=0, le=5)] = Field(description="the tag's centre above the floor [m]")
 
 
-class StopEntry(_Entry):
+class StopEntry(Entry):
     """A place where the robot stood still, and the corners that cameras saw meanwhile."""
 
     robot: _Id
     floor: _Id
-    xy_m: tuple[_Finite, _Finite] = Field(description="the robot's place in the building's frame, as it said")
-    yaw_deg: _Finite = Field(description="its direction, anticlockwise from +x")
+    xy_m: tuple[FiniteFloat, FiniteFloat] = Field(description="the robot's place in the building's frame, as it said")
+    yaw_deg: FiniteFloat = Field(description="its direction, anticlockwise from +x")
     seen: dict[_Id, _Corners] = Field(
         description="by camera: (u, v) of the black square's corners in its picture, clockwise from the pattern's top left"
     )
 
 
-class SightingsFile(_Entry):
+class SightingsFile(Entry):
     """The file of sightings."""
 
     tag: Tag
@@ -87,19 +82,8 @@ def load_sightings(path: Path) -> Sightings:
     Raises:
         ConfigError: it can't be read or has mistakes; each is named at its line.
     """
-    root = compose(path, "file of sightings")
-    if not isinstance(root, yaml.MappingNode):
-        raise ConfigError(f"{path}: expected a table with tag and stops; the file is empty or something else")
-    try:
-        entry = SightingsFile.model_validate(plain(root))
-    except ValidationError as error:
-        faults = [
-            f"{path}, line {line_of(root, e['loc'])}: {'.'.join(map(str, e['loc']))}: {e['msg']}"
-            for e in error.errors()
-        ]
-        raise ConfigError("\n".join(faults[:20])) from None
-    except ValueError as error:
-        raise ConfigError(f"{path}: {error}") from None
+    expected = "a table with tag and stops; the file is empty or something else"
+    entry, root = read_table(path, "file of sightings", SightingsFile, expected, max_faults=20)
     stops = [
         Stop(
             stop.robot,

@@ -1,6 +1,6 @@
-"""Looks at the streams of cameras, all at once and none for longer than its deadline.
+"""Probes the streams of cameras, all at once and none for longer than its deadline.
 
-Each is opened in a process of its own (``python -m surveilnav.cli.stream_look``): OpenCV opens one stream after the other, so
+Each is opened in a process of its own (``python -m surveilnav.cli.stream_probe``): OpenCV opens one stream after the other, so
 that eight cameras that are off would take a minute, and a decoder that hangs can't be ended otherwise.
 """
 
@@ -33,7 +33,7 @@ from surveilnav.services.camera_node.sources.readers.rtsp import ask
 T = TypeVar("T")
 
 #: Opening takes a reader up to 6 s and finding out why it failed 3 s more (services/camera_node/sources/readers).
-LOOK_S = 20.0
+PROBE_S = 20.0
 #: So many streams are decoded at once.
 _AT_ONCE = 8
 _PROCESSES = threading.BoundedSemaphore(_AT_ONCE)
@@ -48,7 +48,7 @@ _FAULTS = {
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
+class ProbeResult:
     """What came from a stream. ``problem``: why nothing did, or what is wrong with its pictures, for people; empty: nothing.
 
     Attributes:
@@ -61,26 +61,26 @@ class Look:
     problem: str = ""
 
 
-def look(stream: str, folder: Path, seconds: float) -> Look:
+def probe(stream: str, folder: Path, seconds: float) -> ProbeResult:
     """Opens a stream as cameras.yaml names it, waits for a picture, and counts those of ``seconds`` more."""
     if problem := _unreachable(stream, folder):
-        return Look(problem=problem)  # without a process, and sooner
+        return ProbeResult(problem=problem)  # without a process, and sooner
     asked = json.dumps({"stream": stream, "folder": str(folder), "seconds": seconds})  # by a pipe: others see arguments
-    command = [sys.executable, "-m", "surveilnav.cli.stream_look"]
+    command = [sys.executable, "-m", "surveilnav.cli.stream_probe"]
     try:
         with _PROCESSES:
-            done = subprocess.run(command, input=asked, capture_output=True, text=True, timeout=LOOK_S, check=False)
+            done = subprocess.run(command, input=asked, capture_output=True, text=True, timeout=PROBE_S, check=False)
         told = json.loads(done.stdout.splitlines()[-1])
-        return Look((told["width_px"], told["height_px"]), told["hz"], told["problem"])
+        return ProbeResult((told["width_px"], told["height_px"]), told["hz"], told["problem"])
     except subprocess.TimeoutExpired:
-        return Look(problem=f"no picture has come within {LOOK_S:.0f} s")
+        return ProbeResult(problem=f"no picture has come within {PROBE_S:.0f} s")
     except (IndexError, ValueError):
-        return Look(problem="the decoder crashed")
+        return ProbeResult(problem="the decoder crashed")
 
 
 def deadline_s(n_streams: int) -> float:
-    """After so long all of ``n_streams`` have been looked at, or never will be."""
-    return 10.0 + LOOK_S * max(1, math.ceil(n_streams / _AT_ONCE))
+    """After so long all of ``n_streams`` have been probed, or never will be."""
+    return 10.0 + PROBE_S * max(1, math.ceil(n_streams / _AT_ONCE))
 
 
 def _unreachable(stream: str, folder: Path) -> str:
@@ -96,26 +96,26 @@ def _address(stream: str, folder: Path) -> str:
     return with_secrets(stream, passwords_in(folder) | dict(os.environ))
 
 
-def look_here(stream: str, folder: Path, seconds: float) -> Look:
-    """The same in this process."""
+def probe_here(stream: str, folder: Path, seconds: float) -> ProbeResult:
+    """The same as ``probe``, in this process."""
     try:
         reader = choose_reader(stream, folder, os.environ, (0, 0), 0.0)
     except ConfigError as error:
-        return Look(problem=str(error).removeprefix("stream: "))
+        return ProbeResult(problem=str(error).removeprefix("stream: "))
     try:
         reader.open()
         first, until_s = None, time.monotonic() + _FIRST_S
         while first is None and time.monotonic() < until_s:
             first = reader.read()
         if first is None:
-            return Look(problem=f"no picture has come within {_FIRST_S:.0f} s")
+            return ProbeResult(problem=f"no picture has come within {_FIRST_S:.0f} s")
         hz = _rate_hz(reader, seconds)
         height, width = first.rgb.shape[:2]
-        return Look((width, height), hz, _FAULTS[FrameStatistics.from_picture(first.rgb).fault])
+        return ProbeResult((width, height), hz, _FAULTS[FrameStatistics.from_picture(first.rgb).fault])
     except StreamError as error:
-        return Look(problem=str(error))
+        return ProbeResult(problem=str(error))
     except Exception as error:  # of a decoder; its text may hold the address
-        return Look(problem=f"{type(error).__name__} in the decoder")
+        return ProbeResult(problem=f"{type(error).__name__} in the decoder")
     finally:
         reader.close()
 
@@ -182,11 +182,11 @@ def at_once(
 
 
 def main() -> None:
-    """Looks at the stream that standard input names, and prints what was seen."""
+    """Probes the stream that standard input names, and prints what came from it."""
     asked = json.load(sys.stdin)
-    seen = look_here(asked["stream"], Path(asked["folder"]), asked["seconds"])
-    width_px, height_px = seen.size_px
-    print(json.dumps({"width_px": width_px, "height_px": height_px, "hz": seen.hz, "problem": seen.problem}))
+    result = probe_here(asked["stream"], Path(asked["folder"]), asked["seconds"])
+    width_px, height_px = result.size_px
+    print(json.dumps({"width_px": width_px, "height_px": height_px, "hz": result.hz, "problem": result.problem}))
 
 
 if __name__ == "__main__":
