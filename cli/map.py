@@ -88,7 +88,7 @@ def drawn(asked: Client, place: Layer, width: int | None = None) -> Drawing:
     robots = [r for r in asked.robots() if r.floor == floor]
     cameras = [c for c in asked.cameras() if c.floor == floor]
     things = [o for o in asked.objects(floor=floor, status="confirmed") if None not in o.center_m]
-    return draw(layers, place, robots, cameras, things, width or results.width)
+    return draw(layers, place, robots, cameras, things, width or results.width, asked.areas(floor))
 
 
 def show_map(drawing: Drawing, place: Layer) -> None:

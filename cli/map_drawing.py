@@ -11,7 +11,7 @@ from operator import itemgetter
 from rich.text import Text
 
 from surveilnav.occupancy import PRIOR_FREE, PRIOR_OBSTACLE
-from surveilnav.rest import Camera, Layer, Object, Robot
+from surveilnav.rest import Area, Camera, Layer, Object, Robot
 
 #: The cells of a layer: rows of numbers, row 0 the southernmost; NaN where nothing is known.
 Cells = Sequence[Sequence[float]]
@@ -23,6 +23,7 @@ _MARKS = {
     "prior_free": ("-", "green", "free by a map from before"),
     "explored": ("·", "bright_black", "explored"),
     "frontier": ("?", "yellow", "frontier"),
+    "barred": ("x", "red", "keepout zone, or closed door or lift"),
     "prior_obstacle": ("+", "green", "wall by a map from before"),
     "occupancy": ("#", "", "obstacle"),
     "camera": ("C", "bold magenta", "camera"),
@@ -50,6 +51,7 @@ def draw(
     cameras: Sequence[Camera],
     objects: Sequence[Object],
     width: int,
+    areas: Sequence[Area] = (),
 ) -> Drawing:
     """A map at most ``width`` characters wide.
 
@@ -58,9 +60,12 @@ def draw(
             and frontier.
         place: where the cells lie in the world.
         objects: with all three coordinates of their centre.
+        areas: of which those are drawn where no robot is sent.
     """
     layers = {**layers, **_prior(layers["occupancy"])}
     top, left, rows, cols = _extent(layers)
+    if barring := [area for area in areas if area.kind == "keepout" or area.state == "closed"]:
+        layers["barred"] = _barred(barring, place, layers["occupancy"])
     n = max(1, math.ceil(cols / width))
     cut = {
         name: _blocks([row[left : left + cols] for row in cells[top : top + rows]], n) for name, cells in layers.items()
@@ -69,7 +74,7 @@ def draw(
     if "value" in cut:
         board.shade(cut.pop("value"))
         del cut["explored"], cut["frontier"]
-    for name in ("prior_free", "explored", "frontier", "prior_obstacle", "occupancy"):
+    for name in ("prior_free", "explored", "frontier", "barred", "prior_obstacle", "occupancy"):
         if name in cut:
             board.mark(cut[name], *_MARKS[name][:2])
     cells = _Cells(place, top, left, n)
@@ -82,8 +87,28 @@ def draw(
         board.put(cells.of(*robot.position_m[:2]), arrow, _MARKS["robot"][1])
     resolution_m = place.resolution_m * n
     return Drawing(
-        board.lines(), _legend("value" in layers, "prior_free" in layers), resolution_m, resolution_m * _ASPECT
+        board.lines(),
+        _legend("value" in layers, "prior_free" in layers, bool(barring)),
+        resolution_m,
+        resolution_m * _ASPECT,
     )
+
+
+def _barred(areas: Sequence[Area], place: Layer, like: Cells) -> Cells:
+    """1 for each cell whose centre lies in an area, row by row between the sides that cross it; else 0."""
+    cells = [[0] * len(row) for row in like]
+    for area in areas:
+        corners = [_cell_of(place, *corner) for corner in area.outline_m]
+        sides = list(zip(corners, corners[1:] + corners[:1], strict=True))
+        low, high = min(row for row, _ in corners), max(row for row, _ in corners)
+        for row in range(max(0, math.ceil(low)), min(len(cells) - 1, math.floor(high)) + 1):
+            crossed = [(a, b) for a, b in sides if (a[0] <= row) != (b[0] <= row)]
+            at = sorted(a[1] + (row - a[0]) / (b[0] - a[0]) * (b[1] - a[1]) for a, b in crossed)
+            for first, last in zip(at[::2], at[1::2], strict=True):
+                inside = range(max(0, math.ceil(first)), min(len(cells[row]) - 1, math.floor(last)) + 1)
+                for col in inside:
+                    cells[row][col] = 1
+    return cells
 
 
 def _prior(occupancy: Cells) -> dict[str, Cells]:
@@ -142,10 +167,15 @@ class _Cells:
 
     def of(self, x_m: float, y_m: float) -> tuple[int, int]:
         """(row from the south, column) on the board; it may lie beyond it."""
-        (a, b, x0_m), (c, d, y0_m), _ = self.place.T_world_cell  # world = [[a, b], [c, d]] @ (col, row) + (x0, y0)
-        x_m, y_m, determinant = x_m - x0_m, y_m - y0_m, a * d - b * c
-        col, row = (d * x_m - b * y_m) / determinant, (a * y_m - c * x_m) / determinant
+        row, col = _cell_of(self.place, x_m, y_m)
         return (round(row) - self.top) // (_ASPECT * self.n), (round(col) - self.left) // self.n
+
+
+def _cell_of(place: Layer, x_m: float, y_m: float) -> tuple[float, float]:
+    """(row, column) of a place of the world; whole numbers are centres of cells."""
+    (a, b, x0_m), (c, d, y0_m), _ = place.T_world_cell  # world = [[a, b], [c, d]] @ (col, row) + (x0, y0)
+    x_m, y_m, determinant = x_m - x0_m, y_m - y0_m, a * d - b * c
+    return (a * y_m - c * x_m) / determinant, (d * x_m - b * y_m) / determinant
 
 
 class _Board:
@@ -193,8 +223,9 @@ def _line(characters: Sequence[str], styles: Sequence[str]) -> Text:
     return Text.assemble(*(("".join(c for c, _ in piece), style) for style, piece in pieces))
 
 
-def _legend(values: bool, prior: bool) -> Text:
+def _legend(values: bool, prior: bool, barred: bool) -> Text:
     hidden = {*(("explored", "frontier") if values else ()), *(() if prior else ("prior_free", "prior_obstacle"))}
+    hidden |= set() if barred else {"barred"}
     shown = [mark for name, mark in _MARKS.items() if name not in hidden]
     legend = Text("  ").join(Text.assemble((character, style), f" {what}") for character, style, what in shown)
     return Text.assemble(legend, f"  {_SHADES[1:]} value, low to high") if values else legend

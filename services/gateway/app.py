@@ -6,6 +6,7 @@ from fastapi import FastAPI
 
 from surveilnav import __version__
 from surveilnav.services.gateway import (
+    areas,
     cameras,
     maps,
     missions,
@@ -59,6 +60,7 @@ def create_app(
     app.include_router(cameras.router(gateway.cameras, gateway.pictures, gateway.access_log))
     app.include_router(robots.router(gateway.robots, gateway.workers))
     app.include_router(maps.router(gateway.maps))
+    app.include_router(areas.router(gateway.areas))
     app.include_router(objects.router(gateway.objects, gateway.access_log))
     app.include_router(removals.router(gateway.removals))
     app.include_router(sightings.router(gateway.sightings))

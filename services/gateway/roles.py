@@ -51,6 +51,7 @@ ROLES: dict[tuple[str, str], Role | None] = {
     ("GET", f"{ROOT}/floors/{{id}}/cloud.npy"): _VIEWER,
     ("GET", f"{ROOT}/floors/{{id}}/objects/{{object}}"): _VIEWER,
     ("GET", f"{ROOT}/floors/{{id}}/objects/{{object}}/history/{{number}}.jpg"): _VIEWER,
+    ("GET", f"{ROOT}/areas"): _VIEWER,
     ("GET", f"{ROOT}/objects"): _VIEWER,
     ("POST", f"{ROOT}/sightings"): _OPERATOR,  # it has cameras send pictures to fusion
     ("GET", f"{ROOT}/missions"): _VIEWER,

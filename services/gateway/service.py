@@ -12,6 +12,7 @@ from collections.abc import Callable
 from surveilnav.bus import Node, keep_request_id
 from surveilnav.rest import Building, Readiness, RobotHalt, Service, Traffic
 from surveilnav.services.gateway.access_log import AccessLog
+from surveilnav.services.gateway.areas import Areas
 from surveilnav.services.gateway.cameras import Cameras, PastPictures
 from surveilnav.services.gateway.change_detector import ChangeDetector
 from surveilnav.services.gateway.config import GatewaySettings
@@ -51,6 +52,7 @@ class Gateway:
         self.robots = Robots(self.state)
         self.workers = PerceptionWorkers(self.state)
         self.maps = Maps(self.state, self.cameras, self.robots, self.missions)
+        self.areas = Areas(self.state)
         self.objects = Objects(self.state)
         self.sightings = CameraSightings(self.state, self.objects, settings.cameras_file)
         self.recordings = Recordings(self.state)
@@ -75,6 +77,7 @@ class Gateway:
             "building": lambda: {"": self.building()},
             "readiness": lambda: {"": self.readiness()},
             "floor": lambda: {f.id: f for f in self.maps.floors()},
+            "area": lambda: {a.id: a for a in self.areas.all()},
             "camera": lambda: {c.id: c for c in self.cameras.all()},
             "robot": lambda: {r.id: r for r in self.robots.all()},
             "worker": lambda: {w.id: w for w in self.workers.all()},

@@ -111,6 +111,7 @@ class BuildingState:
         self.robots = LastKnown(node, contract.ROBOT_STATUS)
         self.loads = LastKnown(node, contract.PERCEPTION_LOAD)
         self.revisions = LastKnown(node, contract.MAP_REVISION)
+        self.areas = LastKnown(node, contract.FLOOR_AREAS)
         self.removals = LastKnown(node, contract.MAP_REMOVALS)
         self.recorders = LastKnown(node, contract.RECORDER_STATUS)
         self.services = LastKnown(node, contract.SERVICES)

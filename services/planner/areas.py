@@ -7,12 +7,12 @@ from collections.abc import Collection
 from pathlib import Path
 from typing import Literal
 
+from surveilnav import messages
 from surveilnav.building_file import BuildingFile, BuildingFloor, load_building
 from surveilnav.bus import Node
 from surveilnav.contract import PASSAGE_STATE
 from surveilnav.errors import ConfigError
 from surveilnav.services.planner.core.motion.areas import Area
-from surveilnav.services.planner.pausing import Pause
 from surveilnav.storage import file_stamp
 
 PassageStateName = Literal["open", "closed", "unknown"]
@@ -30,6 +30,7 @@ class BuildingAreas:
     def __init__(self, node: Node, path: Path | None) -> None:
         self._node, self._path = node, path
         self._states = node.table(PASSAGE_STATE)
+        self._closed_until_s: dict[tuple[str, str], float] = {}
         self._read_s, self._seen = time.monotonic(), file_stamp(path) if path else ()
         self._building: BuildingFile | None = load_building(path) if path else None
 
@@ -63,37 +64,66 @@ class BuildingAreas:
                 zones.append(Area(f"{passage.kind} {name}", state, tuple(passage.outline_m), name))
         return tuple(zones)
 
+    def floors(self) -> list[str]:
+        """The floors of which the building file has areas."""
+        return [floor for floor, known in self._floors().items() if known.keepout or known.passages]
+
+    def told(self, floor: str) -> list[messages.Area]:
+        """The areas of a floor for others, with all passages and their states."""
+        if (known := self._floors().get(floor)) is None:
+            return []
+        zones = [messages.Area(name=n, kind="keepout", outline_m=outline) for n, outline in known.keepout.items()]
+        return zones + [
+            messages.Area(name=n, kind=p.kind, outline_m=p.outline_m, state=self.state_of(floor, n))
+            for n, p in known.passages.items()
+        ]
+
     def state_of(self, floor: str, passage: str) -> PassageStateName:
         """What was last said of a passage: "open" or "closed"; "unknown" if nothing was said lately."""
         row = self._states.get(floor=floor, passage=passage)
+        if row is None and time.monotonic() < self._closed_until_s.get((floor, passage), 0.0):
+            return "closed"
         if row is None or row.age_s > _MAX_AGE_S:
             return "unknown"
         state: PassageStateName = row.message.state
         return state
+
+    def remember_closed(self, floor: str, passages: Collection[str]) -> None:
+        """Passages that were closed before the planner was started again count as closed until something is said of them.
+
+        If nothing is, then for as long as what was said counts.
+        """
+        until_s = time.monotonic() + _MAX_AGE_S
+        self._closed_until_s |= {(floor, passage): until_s for passage in passages}
 
     def _floors(self) -> dict[str, BuildingFloor]:
         return {} if self._building is None else self._building.floors
 
 
 class MissionAreas:
-    """The areas as one mission takes them. It knows which closed passages a person had it go on at."""
+    """The areas as one mission takes them. It knows which closed passages a person had it go on at.
+
+    Attributes:
+        vouched: these passages, as (floor, passage).
+    """
 
     def __init__(self, areas: BuildingAreas) -> None:
         self._areas = areas
-        self._vouched: set[tuple[str, str]] = set()
-        self._waits_for: set[tuple[str, str]] = set()
+        self.vouched: frozenset[tuple[str, str]] = frozenset()
 
     def on_floor(self, floor: str) -> tuple[Area, ...]:
         """The areas of a floor. What a person said of a passage holds until it is said to be open."""
-        self._vouched = {v for v in self._vouched if self._areas.state_of(*v) != "open"}
-        self._waits_for = set()
-        return self._areas.on_floor(floor, {passage for there, passage in self._vouched if there == floor})
+        self.vouched = frozenset(v for v in self.vouched if self._areas.state_of(*v) != "open")
+        return self._areas.on_floor(floor, {passage for there, passage in self.vouched if there == floor})
 
-    def wait(self, pause: Pause, reason: str, floor: str, passages: tuple[str, ...]) -> None:
-        """Pauses the mission until a passage isn't closed any more, or a person has it go on."""
-        if pause.begin(reason, lambda: any(self._areas.state_of(floor, name) != "closed" for name in passages)):
-            self._waits_for = {(floor, name) for name in passages}
+    def remember_closed(self, floor: str, passages: Collection[str]) -> None:
+        """Passages that were closed before the planner was started again."""
+        self._areas.remember_closed(floor, passages)
 
-    def vouch(self) -> None:
-        """A person has the mission go on: the passages that it waits for can be passed."""
-        self._vouched |= self._waits_for
+    def are_closed(self, floor: str, passages: Collection[str]) -> bool:
+        """Whether all of these passages are said to be closed."""
+        return all(self._areas.state_of(floor, name) == "closed" for name in passages)
+
+    def vouch(self, floor: str, passages: Collection[str]) -> None:
+        """A person says that these passages can be passed."""
+        self.vouched |= {(floor, passage) for passage in passages}

@@ -6,7 +6,7 @@ import math
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import cast
 
 from pydantic import ValidationError
@@ -157,6 +157,22 @@ class MissionBus:
 
     def hold(self, mission: str) -> None:
         """Has the robot stop where it is, and wait: this one stands still anyway."""
+
+    def stop_at_once(self, mission: str) -> None:
+        """Asks the robot once to stop, also if the mission was cancelled. Otherwise its last command's deadline does."""
+        self._send_once("stop", lambda bus: bus.move("stop", bus.robot_status().seq, mission))
+
+    def hold_at_once(self, mission: str) -> None:
+        """Asks the robot once to wait where it is, also if the mission is paused."""
+        self._send_once("wait", lambda bus: bus.hold(mission))
+
+    def _send_once(self, what: str, send: Callable[[MissionBus], object]) -> None:
+        """Sends something that nothing interrupts. A silent robot isn't waited for."""
+        settings = self.settings.model_copy(update={"robot_timeout_s": 1e-3})
+        try:
+            send(replace(self, settings=settings, report_waiting=lambda _: None, cancelled=lambda: False))
+        except (MissionFailedError, Refused, MissionCancelledError) as error:
+            self.node.log.warning(f"couldn't have the robot {what}", robot=self.robot, error=str(error))
 
     def _command(
         self, action: str, seq: int, mission: str, to_floor: str | None, waypoint: WaypointPose | None, found: bool

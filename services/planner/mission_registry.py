@@ -9,6 +9,7 @@ from surveilnav.bus import Node, bound_request_id
 from surveilnav.contract import MAP_REVISION, ROBOT_STATUS
 from surveilnav.errors import MissionError
 from surveilnav.messages import MissionGoal
+from surveilnav.services.planner.area_announcer import AreaAnnouncer
 from surveilnav.services.planner.areas import BuildingAreas
 from surveilnav.services.planner.config import PlannerSettings
 from surveilnav.services.planner.mission_runner import MissionRunner
@@ -29,6 +30,7 @@ class MissionRegistry:
         self._robots = node.table(ROBOT_STATUS)
         self._store = Store(settings.store, node)
         self._areas = BuildingAreas(node, Path(settings.building_file) if settings.building_file else None)
+        self._announcer = AreaAnnouncer(node, self._areas)
         self._context = MissionContext(
             node, settings, node.table(MAP_REVISION), Summaries(node), self._store, self._areas
         )
@@ -54,8 +56,9 @@ class MissionRegistry:
         self._node.report_problem("store", self._store.problem)
 
     def refresh_areas(self) -> None:
-        """Reads the building file again if it has changed."""
+        """Reads the building file again if it has changed, and tells others of areas that have changed."""
         self._areas.refresh()
+        self._announcer.publish()
 
     def accept(self, goal: MissionGoal) -> MissionRunner:
         """Starts a mission, or returns the one that the same goal started before.

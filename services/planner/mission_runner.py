@@ -14,13 +14,12 @@ from surveilnav.services.planner.floor_maps import FloorMapsClient
 from surveilnav.services.planner.mission_bus import MissionBus, MissionCancelledError, MissionFailedError
 from surveilnav.services.planner.mission_report import MissionReport, plan_from_decision
 from surveilnav.services.planner.mission_start import MissionContext, as_asked, load_state
-from surveilnav.services.planner.pausing import FramePause, Pause, PausedError, reason_to_pause
+from surveilnav.services.planner.pausing import PausedError, Pauses
 from surveilnav.services.planner.store import PendingAction, SavedMission, StoreError
 from surveilnav.services.planner.waypoint_bus import WaypointBus
 
 #: How often in a row a robot may refuse a stair before the mission fails. The core gives up the stair long before that.
 _MAX_REFUSALS = 5
-_PAUSE_CHECK_S = 0.1
 
 
 class MissionRunner:
@@ -37,8 +36,7 @@ class MissionRunner:
         self._summaries, self._areas = context.summaries, MissionAreas(context.areas)
         self.report, self.robot = MissionReport(context.node, saved.status, saved.plan), saved.status.robot
         self._state = load_state(saved, self._node)
-        self._pending, self._cancel, self._pause = saved.pending, saved.cancel, Pause(saved.paused)
-        self._frame_pause = FramePause()
+        self._pending, self._cancel, self._pauses = saved.pending, saved.cancel, Pauses(self._areas, saved)
         self.wanted_robot = saved.wanted_robot
         self._robot_path_m = saved.robot_path_m
         self._path_before_m = self.status.path_m - saved.robot_path_m
@@ -105,11 +103,12 @@ class MissionRunner:
                 pending=self._pending,
                 robot_path_m=self._robot_path_m,
                 cancel=self._cancel,
-                paused=self._pause.stored_reason,
                 wanted_robot=self.wanted_robot,
                 memory=memory,
             )
             under_way = not self.finished and self._pending is not None and self._cancel is None
+            if not self.finished:
+                saved = self._pauses.written_into(saved)
             self._store.save(saved, finished=self.finished, sync=not under_way)
 
     def announce(self) -> None:
@@ -164,13 +163,12 @@ class MissionRunner:
 
     def pause(self, reason: str) -> None:
         """Pauses the mission once the current action is done; then its state is "paused"."""
-        self._pause.begin(reason)
+        self._pauses.begin(reason)
         self._save_or_warn()
 
     def resume(self) -> None:
         """Resumes a paused mission; of a closed passage that it waits for, that says that it can be passed."""
-        if self._pause.end():  # it waited for a passage, and for nothing else
-            self._areas.vouch()
+        self._pauses.resume()
         self._save_or_warn()
 
     def wait_until(self, *, paused: bool, at_most_s: float) -> None:
@@ -194,16 +192,16 @@ class MissionRunner:
         except MissionCancelledError:
             if self._node.stopping.is_set():
                 return  # the session is closing; the robot's command deadline stops it
-            self._stop_robot()
+            self._bus.stop_at_once(self.id)
             self._end("cancelled", message=self._cancel or "")
         except MissionFailedError as lost:
-            self._stop_robot()
+            self._bus.stop_at_once(self.id)
             self._end("failed", error=lost.name, message=str(lost))
         except Exception as error:  # a bug must end this mission alone, and visibly
             if self._node.stopping.is_set():
                 return  # the session was closed meanwhile
             self._node.log.exception("mission failed", mission=self.id)
-            self._stop_robot()
+            self._bus.stop_at_once(self.id)
             self._end("failed", error="internal", message=f"{type(error).__name__} in the planner; see its log")
         finally:
             self._ended.set()
@@ -226,8 +224,7 @@ class MissionRunner:
             self._bus.check_cancelled()
             if self._pending is None:
                 status, maps = self._bus.newest_maps()
-                if why := self._frame_pause.reason(self._bus.frame_problem()):
-                    self.pause(why)
+                if self._pauses.for_frame(self._bus.frame_problem()):
                     raise PausedError
                 self._pending = self._decide(status, maps)
             self._bus.check_cancelled()
@@ -252,17 +249,16 @@ class MissionRunner:
     def _check_interrupted(self) -> bool:
         """Whether the mission was cancelled. PausedError: it is paused."""
         if self._cancel is None:
-            self._pause.check()
+            self._pauses.check()
         return self._cancel is not None
 
     def _wait_while_paused(self) -> None:
         """Waits until the mission is resumed. MissionCancelledError: it was cancelled, or the service ends."""
-        self._hold_robot()
-        self.report.publish_status(state="paused", phase="paused", message=self._pause.reason or "")
-        while self._pause.reason is not None:
-            if self._cancel is not None or self._node.stopping.is_set():
-                raise MissionCancelledError
-            self._pause.wait(_PAUSE_CHECK_S)
+        self._save_or_warn()
+        self._bus.hold_at_once(self.id)
+        self.report.publish_status(state="paused", phase="paused", message=self._pauses.reason or "")
+        if not self._pauses.wait(lambda: self._cancel is not None or self._node.stopping.is_set()):
+            raise MissionCancelledError
         self.report.publish_status(state="active", phase="waiting", message="going on")
 
     def _decide(self, status: RobotStatus, maps: FloorMaps) -> PendingAction | None:
@@ -287,7 +283,7 @@ class MissionRunner:
         self.report.update(**facts)
         self.report.plan = plan_from_decision(decision, self.status, status, maps, step=self._state.step)
         if decision.waits_for:
-            self._areas.wait(self._pause, decision.message, status.floor, decision.waits_for)
+            self._pauses.for_passages(decision.message, status.floor, decision.waits_for)
         self._pending = None if decision.waits_for else PendingAction.from_decision(decision, status.seq)
         self._save_or_warn()
         self.report.publish_plan()
@@ -318,8 +314,7 @@ class MissionRunner:
         try:
             self._bus.move(action, pending.seq, self.id, pending.to_floor, pending.waypoint)
         except Refused as refused:
-            if reason := reason_to_pause(self.robot, refused):
-                self.pause(reason)
+            if self._pauses.for_refusal(self.robot, refused):
                 raise PausedError from refused
             self._refusals += 1  # the core counts this against the stair and decides again
             if action != "take_stairs" or self._refusals > _MAX_REFUSALS:
@@ -332,7 +327,7 @@ class MissionRunner:
     def _conclude(self, pending: PendingAction) -> bool:
         """Ends the mission as decided. False: the robot has moved on to another observation and therefore didn't stop."""
         if not pending.found:
-            self._stop_robot()
+            self._bus.stop_at_once(self.id)
             self._end("failed", error=pending.error, message=pending.message)
             return True
         try:
@@ -342,27 +337,6 @@ class MissionRunner:
             raise MissionFailedError("stuck", f"robot {self.robot} refused to stop: {refused}") from refused
         self._end("done", found=True, message=pending.message)
         return True
-
-    def _stop_robot(self) -> None:
-        """Asks the robot once to stop. If that fails, the deadline of its last command stops it."""
-        bus = self._bus_for_last_command()
-        try:
-            bus.move("stop", bus.robot_status().seq, self.id)
-        except (MissionFailedError, Refused, MissionCancelledError) as error:
-            self._node.log.warning("couldn't stop the robot", robot=self.robot, error=str(error))
-
-    def _hold_robot(self) -> None:
-        """Has a robot that drives by itself wait where it is, while the mission is paused."""
-        bus = self._bus_for_last_command()
-        try:
-            bus.hold(self.id)
-        except (MissionFailedError, Refused, MissionCancelledError) as error:
-            self._node.log.warning("couldn't have the robot wait", robot=self.robot, error=str(error))
-
-    def _bus_for_last_command(self) -> MissionBus:
-        """A bus that nothing interrupts, and that doesn't wait for a silent robot."""
-        settings = self._settings.model_copy(update={"robot_timeout_s": 1e-3})
-        return replace(self._bus, settings=settings, report_waiting=lambda _: None, cancelled=lambda: False)
 
     # --- the store -----------------------------------------------------------------------------------------------
 

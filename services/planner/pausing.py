@@ -1,11 +1,17 @@
-"""Pausing a mission."""
+"""Why a mission waits for a person or for a passage, and what they said as it went on."""
 
 from __future__ import annotations
 
 import threading
 from collections.abc import Callable
 
+import msgspec
+
 from surveilnav.bus import Refused
+from surveilnav.services.planner.areas import MissionAreas
+from surveilnav.services.planner.store import PassageWait, SavedMission
+
+_CHECK_S = 0.1
 
 
 class PausedError(Exception):
@@ -17,7 +23,7 @@ class Pause:
 
     Attributes:
         reason: why the mission is paused; None while it isn't paused.
-        stored_reason: the same, but None if the pause ends by itself: after a restart the mission decides anew whether to wait.
+        stored_reason: the same, but None if the pause ends by itself.
     """
 
     def __init__(self, reason: str | None) -> None:
@@ -38,13 +44,16 @@ class Pause:
             self.reason = reason or "paused"
             return True
 
-    def end(self) -> bool:
-        """Resumes the mission. Returns whether the pause would have ended by itself."""
+    def end(self) -> None:
+        """Resumes the mission."""
         with self._lock:
-            ended_itself = self._is_over is not None
             self.reason, self._is_over = None, None
             self._ended.set()
-            return ended_itself
+
+    @property
+    def ends_itself(self) -> bool:
+        """Whether the mission is paused, and goes on without a person."""
+        return self._is_over is not None
 
     @property
     def stored_reason(self) -> str | None:
@@ -65,21 +74,80 @@ class Pause:
         self._ended.wait(at_most_s)
 
 
-class FramePause:
-    """Pauses a mission once as its robot turns out not to be where it says. Whoever resumes it nevertheless is obeyed."""
+class Pauses:
+    """All pauses of one mission: those that a person begins, and those for its robot or for a passage.
 
-    def __init__(self) -> None:
-        self._told = False
+    ``for_…`` begins one, and returns whether it did. The mission waits at its next ``check``.
+    """
 
-    def reason(self, problem: str) -> str:
-        """Why to pause now; empty: not. ``problem``: why the robot can't be where it says; empty: it can."""
-        is_new = bool(problem) and not self._told
-        self._told = bool(problem)
-        return problem if is_new else ""
+    def __init__(self, areas: MissionAreas, saved: SavedMission) -> None:
+        self._areas, self._pause = areas, Pause(saved.paused)
+        self._frame_told = saved.frame_told
+        self._wait = saved.waits_for
+        self._areas.vouched = saved.vouched
+        if self._wait is not None:
+            self._areas.remember_closed(self._wait.floor, self._wait.passages)
+            self._wait_for_passages(self._wait)
 
+    @property
+    def reason(self) -> str | None:
+        """Why the mission is paused; None while it isn't."""
+        return self._pause.reason
 
-def reason_to_pause(robot: str, refused: Refused) -> str:
-    """Why a robot's refusal pauses the mission until a person resumes it; empty if it doesn't."""
-    if refused.name == "halted":  # releasing the robot isn't enough
-        return f"robot {robot} is halted: release it, then resume this mission"
-    return f"robot {robot} isn't ready: {refused}" if refused.name == "not_ready" else ""
+    def written_into(self, saved: SavedMission) -> SavedMission:
+        """The same with what a planner that is started again has to know: why the mission waits, and what people said."""
+        return msgspec.structs.replace(
+            saved,
+            paused=self._pause.stored_reason,
+            waits_for=self._wait if self._pause.ends_itself else None,
+            vouched=self._areas.vouched,
+            frame_told=self._frame_told,
+        )
+
+    def begin(self, reason: str) -> None:
+        """Pauses the mission, until a person resumes it, once the current action is done."""
+        self._pause.begin(reason)
+
+    def resume(self) -> None:
+        """A person resumes the mission. If it waits for passages and for nothing else, that says that they can be passed."""
+        if self._pause.ends_itself and self._wait is not None:
+            self._areas.vouch(self._wait.floor, self._wait.passages)
+        self._pause.end()
+
+    def check(self) -> None:
+        """Raises PausedError if the mission is paused."""
+        self._pause.check()
+
+    def wait(self, interrupted: Callable[[], bool]) -> bool:
+        """Waits until the mission goes on. False: it was interrupted before."""
+        while self._pause.reason is not None:
+            if interrupted():
+                return False
+            self._pause.wait(_CHECK_S)
+        return True
+
+    def for_frame(self, problem: str) -> bool:
+        """Pauses once as the robot turns out not to be where it says. Whoever resumes the mission nevertheless is obeyed.
+
+        ``problem``: why the robot can't be where it says; empty: it can.
+        """
+        is_new = bool(problem) and not self._frame_told
+        self._frame_told = bool(problem)
+        return is_new and self._pause.begin(problem)
+
+    def for_refusal(self, robot: str, refused: Refused) -> bool:
+        """Pauses, until a person resumes the mission, if a robot has refused a command because it can't drive now."""
+        why = ""
+        if refused.name == "halted":  # releasing the robot isn't enough
+            why = f"robot {robot} is halted: release it, then resume this mission"
+        elif refused.name == "not_ready":
+            why = f"robot {robot} isn't ready: {refused}"
+        return bool(why) and self._pause.begin(why)
+
+    def for_passages(self, reason: str, floor: str, passages: tuple[str, ...]) -> bool:
+        """Pauses until one of these passages isn't closed any more, or a person has the mission go on."""
+        return self._wait_for_passages(PassageWait(reason=reason, floor=floor, passages=passages))
+
+    def _wait_for_passages(self, wait: PassageWait) -> bool:
+        self._wait = wait
+        return self._pause.begin(wait.reason, lambda: not self._areas.are_closed(wait.floor, wait.passages))

@@ -62,14 +62,26 @@ class PendingAction(msgspec.Struct, frozen=True, kw_only=True):
         )
 
 
+class PassageWait(msgspec.Struct, frozen=True, kw_only=True):
+    """A pause that ends by itself, once one of these passages of a floor isn't closed any more. ``reason`` is for people."""
+
+    reason: str
+    floor: str
+    passages: tuple[str, ...]
+
+
 class SavedMission(msgspec.Struct, frozen=True, kw_only=True):
-    """Everything that a mission needs to continue after a restart.
+    """Everything that a mission needs to continue after a restart. A field added to it needs a default: older stores lack it.
 
     Attributes:
         status, plan: the newest of their kind.
         pending: the action that was decided last.
         robot_path_m: the part of ``status.path_m`` that the robot itself reported at the last decision.
-        cancel: the reason, once it was cancelled. ``paused``: the reason, while it is paused.
+        cancel: the reason, once it was cancelled.
+        paused: the reason, while it is paused until a person resumes it.
+        waits_for: the passages for which it is paused; None: for none.
+        vouched: closed passages that a person said can be passed, as (floor, passage).
+        frame_told: whether it was paused because its robot can't be where it says, and that is still so.
         wanted_robot: the robot that the goal asked for; "": any.
         memory: the core's ``MissionState`` as JSON; "": there is none yet, or the mission has ended.
     """
@@ -80,6 +92,9 @@ class SavedMission(msgspec.Struct, frozen=True, kw_only=True):
     robot_path_m: float = 0.0
     cancel: str | None = None
     paused: str | None = None
+    waits_for: PassageWait | None = None
+    vouched: frozenset[tuple[str, str]] = frozenset()
+    frame_told: bool = False
     wanted_robot: str = ""
     memory: str = ""
 

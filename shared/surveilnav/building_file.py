@@ -13,21 +13,19 @@ from pydantic import AfterValidator, Field, model_validator
 
 from surveilnav.contract import ID_PATTERN
 from surveilnav.file_entry import Corners, Entry
+from surveilnav.messages.area import MAX_ENTRIES, MAX_M, MAX_NAME
 from surveilnav.robot_file import FrameEntry
 from surveilnav.yaml_file import read_table
 
-#: No building reaches farther from its origin.
-_MAX_M = 1e5
-
 
 def _in_reach(value: float) -> float:
-    if not math.isfinite(value) or abs(value) > _MAX_M:
-        raise ValueError(f"expected a finite number of at most {_MAX_M:g} metres")
+    if not math.isfinite(value) or abs(value) > MAX_M:
+        raise ValueError(f"expected a finite number of at most {MAX_M:g} metres")
     return value
 
 
 Metres = Annotated[float, AfterValidator(_in_reach)]
-_Label = Annotated[str, Field(min_length=1, max_length=100)]
+_Label = Annotated[str, Field(min_length=1, max_length=MAX_NAME)]
 _Id = Annotated[str, Field(pattern=ID_PATTERN)]
 
 
@@ -50,10 +48,10 @@ class BuildingFloor(Entry):
         None, description="Nav2's map of it, a `map.yaml`: walls and free space that are known"
     )
     T_building_map: FrameEntry | None = Field(None, description="where the origin of `nav2_map` lies in the building")
-    keepout: Annotated[dict[_Label, Corners[Metres]], Field(max_length=200)] = Field(
+    keepout: Annotated[dict[_Label, Corners[Metres]], Field(max_length=MAX_ENTRIES)] = Field(
         {}, description="outlines of places where no robot is sent, by their names for people: corners (x, y) [m]"
     )
-    passages: Annotated[dict[_Id, PassageEntry], Field(max_length=200)] = Field(
+    passages: Annotated[dict[_Id, PassageEntry], Field(max_length=MAX_ENTRIES)] = Field(
         {}, description="doors and lifts by their names in the system that opens them"
     )
 
@@ -71,10 +69,10 @@ class BuildingFile(Entry):
 
     building: _Label = Field(description="its name for people")
     cameras: Path = Field(Path("cameras.yaml"), description="the file of its cameras, which also names its floors")
-    robots: Annotated[dict[_Id, Path], Field(max_length=200)] = Field(
+    robots: Annotated[dict[_Id, Path], Field(max_length=MAX_ENTRIES)] = Field(
         {}, description="files of its robots, by their ids"
     )
-    floors: Annotated[dict[_Id, BuildingFloor], Field(max_length=200)] = Field(
+    floors: Annotated[dict[_Id, BuildingFloor], Field(max_length=MAX_ENTRIES)] = Field(
         {}, description="floors of which more is known than their altitude"
     )
 

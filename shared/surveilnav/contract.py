@@ -249,6 +249,17 @@ PASSAGE_STATE = Stream(
     "control",
     "whether robots can pass a door or a lift: on change, and every few seconds",
 )
+FLOOR_AREAS = Stream(
+    "floor_areas",
+    "{building}/areas/{floor}",
+    m.FloorAreas,
+    "planner",
+    "put+query",
+    None,
+    15_000,
+    "data",
+    "keepout zones, doors and lifts of a floor, and which passages are said to be open or closed",
+)
 PERCEPTION_INFER = Stream(
     "perception_infer",
     "{building}/perception/{worker}/infer",

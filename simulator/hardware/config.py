@@ -71,6 +71,8 @@ class RobotHardwareSettings(BaseSettings):
     compressed: bool = Field(False, description="send CompressedImage (JPEG, and compressedDepth) and no raw pictures")
     depth_encoding: Literal["16UC1", "32FC1"] = Field("16UC1", description="depth in millimetres or in metres")
 
+    scanner: bool = Field(False, description="its robot file names its laser scanner, so that SurveilNav uses it, too")
+
     health_file: Path | None = Field(None, description="a file that it touches each second; empty: none")
     faults: list[FaultName] = Field([], description='what goes wrong, such as ["no_depth"]; empty: nothing')
     fault_after_s: float = Field(5.0, ge=0, description="faults during a goal happen this long after it was accepted")

@@ -58,6 +58,7 @@ def robot_file(building: SimulatedBuilding, settings: RobotHardwareSettings) -> 
         "floor_z_m": round(building.navigation.floors[floor].z_m, 4),
         "T_building_map": {"x_m": settings.map_x_m, "y_m": settings.map_y_m, "yaw_deg": settings.map_yaw_deg},
         "depth_range_m": [settings.depth_min_m, settings.depth_max_m],
+        **({"topics": {"scan": "scan"}} if settings.scanner else {}),
     }
 
 

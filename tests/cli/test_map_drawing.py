@@ -77,3 +77,20 @@ def test_what_only_a_map_from_before_has_is_marked_and_in_the_legend():
     assert lines(drawing) == ["####", "#+++"]
     assert "free by a map from before" in drawing.legend.plain
     assert "before" not in draw(layers(rows), PLACE, [], [], [], width=80).legend.plain
+
+
+def area(kind, outline_m, state=None):
+    return SimpleNamespace(kind=kind, state=state, outline_m=outline_m)
+
+
+def test_where_no_robot_is_sent_is_marked_and_in_the_legend():
+    rows = ["######", "#....#", "#....#", "#....#", "#....#", "######"]  # x from -1 to 1.5, y from 2 to 4.5
+    zone = area("keepout", [(-0.6, 2.4), (0.1, 2.4), (0.1, 3.1), (-0.6, 3.1)])
+    door = area("door", [(0.9, 3.4), (9e4, 3.4), (9e4, 3.6), (0.9, 3.6)], "closed")
+    drawing = draw(layers(rows), PLACE, [], [], [], width=80, areas=[zone, door])
+    assert lines(drawing) == ["######", "#xx·x#", "######"]
+    assert "x keepout zone" in drawing.legend.plain
+    opened = [area("door", door.outline_m, state) for state in ("open", "unknown")]
+    drawing = draw(layers(rows), PLACE, [], [], [], width=80, areas=opened)
+    assert lines(drawing) == ["######", "#····#", "######"]
+    assert "keepout" not in drawing.legend.plain

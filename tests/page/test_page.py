@@ -8,6 +8,9 @@ from typing import Any
 import httpx
 import pytest
 
+from surveilnav.bus import clock_ns
+from surveilnav.contract import PASSAGE_STATE
+from surveilnav.messages import PassageState
 from tests.page.conftest import PHONE
 from tests.waiting import until
 
@@ -192,6 +195,71 @@ def test_layers_are_switched(open_page):
     for name in ("explored", "obstacles", "frontiers", "value", "camera views"):
         page.get_by_role("button", name=name, exact=True).click()
     until(lambda: pixels(page) < drawn / 2)
+
+
+BUILDING = """building: test
+floors:
+  "0":
+    keepout:
+      server room: [[1.0, 1.0], [2.5, 1.0], [2.5, 2.5], [1.0, 2.5]]
+    passages:
+      lobby: {kind: door, outline_m: [[3.0, 1.0], [3.4, 1.0], [3.4, 2.2], [3.0, 2.2]]}
+"""
+
+
+@pytest.fixture
+def with_areas(home, tmp_path):
+    """The planner reads a building file with a keepout zone and a door."""
+    file = tmp_path / "building.yaml"
+    file.write_text(BUILDING)
+
+    def restart():
+        home.kill("planner")
+        home.stack.start("planner")
+        until(lambda: httpx.get(f"http://127.0.0.1:{home.gateway_port}/readyz").status_code == 200, timeout_s=60)
+
+    home.stack.environment["SURVEILNAV_PLANNER__BUILDING_FILE"] = str(file)
+    restart()
+    yield
+    file.write_text("building: test")  # nothing else of it shall stay on the map
+    until(lambda: httpx.get(f"http://127.0.0.1:{home.gateway_port}/api/v1/areas").json()["total"] == 0, timeout_s=60)
+    del home.stack.environment["SURVEILNAV_PLANNER__BUILDING_FILE"]
+    restart()
+
+
+def test_keepout_zones_and_doors_are_on_the_map_and_in_words(with_areas, open_page, home):
+    page = open_page()
+    zone, lobby = page.locator("[data-area='0/keepout/server room']"), page.locator("[data-area='0/door/lobby']")
+    zone.wait_for(state="attached")
+    assert zone.inner_text() == "keepout: server room, at 1.8, 1.8 metres: no robot is sent there"
+    legend = page.locator(".legend")
+    assert "keepout zone" in legend.inner_text()
+    door = home.node.publisher(PASSAGE_STATE, floor="0", passage="lobby")
+
+    def says(state: str) -> bool:
+        door.put(PassageState(stamp_ns=clock_ns(), state=state))
+        return f"door lobby, {state}" in lobby.inner_text()
+
+    until(lambda: says("open"), lobby.inner_text, timeout_s=30)
+    until(lambda: pixels(page) > 10_000, timeout_s=60)
+    page.wait_for_timeout(500)
+    open_red = red_pixels(page)
+    until(lambda: says("closed"), lobby.inner_text, timeout_s=30)
+    until(lambda: says("closed") and red_pixels(page) > open_red + 100, "a closed door looks as an open one does")
+    page.get_by_role("button", name="zones and doors", exact=True).click()
+    until(lambda: red_pixels(page) < open_red / 2, "nothing of the zone was drawn")
+    assert "keepout zone" not in legend.inner_text()
+
+
+def red_pixels(page: Any) -> int:
+    """How many pixels of the map are red, as the hatch of zones is."""
+    red = """c => {
+        const { data } = c.getContext("2d").getImageData(0, 0, c.width, c.height);
+        let n = 0;
+        for (let i = 0; i < data.length; i += 4) n += data[i] > 150 && data[i + 1] < 120 && data[i + 2] < 120;
+        return n;
+    }"""
+    return int(page.locator("canvas").evaluate(red))
 
 
 def test_the_cloud_is_loaded_when_it_is_opened_and_given_back(open_page):

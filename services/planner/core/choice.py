@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from surveilnav.services.planner.core.config import PlannerConfig
+from surveilnav.services.planner.core.choice_rules import ChoiceRule, highest_utility, papers_order
 from surveilnav.services.planner.core.context import StepContext
 from surveilnav.services.planner.core.goals import objects
 from surveilnav.services.planner.core.goals.floors import never_leaves
@@ -15,9 +15,10 @@ from surveilnav.services.planner.core.options.closed_passages import closed_pass
 from surveilnav.services.planner.core.options.confirmed_objects import confirmed_objects
 from surveilnav.services.planner.core.options.frontiers import constrained_frontiers, frontiers
 from surveilnav.services.planner.core.options.last_resort import accepted_object, last_resort
-from surveilnav.services.planner.core.options.option import Option, OptionKind, Proposer
+from surveilnav.services.planner.core.options.option import Option, Proposer
 from surveilnav.services.planner.core.options.other_floors import other_floors, unsearched_floors
 from surveilnav.services.planner.core.options.second_looks import second_looks
+from surveilnav.services.planner.core.sequence import least_expected_way
 
 #: Only options of the first group that has any are compared. The first two groups search the floor; the others say what is done
 #: once nothing on it is left to explore or to look at.
@@ -48,31 +49,11 @@ class Choice:
     searched_chance: float | None = None
 
 
-ChoiceRule = Callable[[Sequence[Option], PlannerConfig], Option]
-
-
-def highest_utility(options: Sequence[Option], config: PlannerConfig) -> Option:
-    """Ours: the highest chance per expected metre. The current option is kept unless another is clearly better (hysteresis).
-
-    For options that lie apart like spokes, taking them by chance per cost finds the target on the shortest expected way
-    (Smith's rule, https://doi.org/10.1002/nav.3800030106).
-    """
-    best = max(options, key=lambda option: option.utility)
-    current = max((o for o in options if o.is_current), key=lambda option: option.utility, default=None)
-    return current if current and best.utility <= config.switch_ratio * current.utility else best
-
-
-_PAPERS_ORDER: tuple[OptionKind, ...] = ("target", "candidate", "stairs", "frontier", "second_look", "passage")
-
-
-def papers_order(options: Sequence[Option], config: PlannerConfig) -> Option:
-    """The paper's (section IV-E): a confirmed target, else a promising candidate, else the best frontier; other floors, of which
-    it doesn't speak, before frontiers."""
-    first = min((o.kind for o in options if not o.is_accepted), key=_PAPERS_ORDER.index, default=None)
-    return highest_utility([o for o in options if o.is_accepted or o.kind == first], config)
-
-
-CHOICE_RULES: Mapping[str, ChoiceRule] = {"utility": highest_utility, "paper": papers_order}
+CHOICE_RULES: Mapping[str, ChoiceRule] = {
+    "utility": highest_utility,
+    "sequence": least_expected_way,
+    "paper": papers_order,
+}
 
 
 def choose(context: StepContext) -> Choice | None:
@@ -81,7 +62,7 @@ def choose(context: StepContext) -> Choice | None:
         options = _propose(context, group)
         if not options:
             continue
-        chosen = CHOICE_RULES[context.config.choice](options, context.config)
+        chosen = CHOICE_RULES[context.config.choice](options, context)
         compared = tuple(sorted(options, key=lambda option: (option is not chosen, -option.utility)))
         is_searched = n >= _N_SEARCHING and not never_leaves(context)
         constrained = tuple((f.x_m, f.y_m) for f in split_by_access(context)[1])

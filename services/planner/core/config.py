@@ -36,9 +36,10 @@ class PlannerConfig(BaseModel):
         description="what ranks frontiers, the paper's three strategies: greedy takes the nearest, object the relevance of "
         "objects near the frontier, region the value map",
     )
-    choice: Literal["utility", "paper"] = Field(
+    choice: Literal["utility", "sequence", "paper"] = Field(
         "utility",
-        description="utility: of all options the one of the highest chance per metre; paper: a confirmed target, else a "
+        description="utility: of all options the one of the highest chance per metre; sequence: the first of the order with the "
+        "shortest expected way until the target is found; paper: a confirmed target, else a "
         "promising candidate, else the best frontier, however far they are",
     )
     verification: Literal["two_level", "paper"] = Field(
@@ -153,6 +154,10 @@ class PlannerConfig(BaseModel):
     switch_ratio: float = Field(
         1.3,
         description="the robot leaves its current waypoint only for one with this many times its utility (hysteresis)",
+    )
+    sequence_options: int = Field(6, ge=2, le=10, description="choice sequence: so many options are put in an order")
+    sequence_margin_m: float = Field(
+        1.0, ge=0, description="choice sequence: the current option is left only for an order that is shorter by this"
     )
     patience_steps: int = Field(
         20, description="a waypoint that the robot gets no nearer to for this many steps is blacklisted"

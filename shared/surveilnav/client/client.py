@@ -230,6 +230,10 @@ class Client:
         """(N, 6): x, y, z [m, world] and red, green, blue [0-1] of at most so many points of the joint cloud."""
         return array_of(self._gateway.content(f"floors/{_id(floor)}/cloud.npy", points=points))
 
+    def areas(self, floor: str = "") -> list[rest.Area]:
+        """Keepout zones, doors and lifts, and which passages are open; with a ``floor``, those on it."""
+        return self._gateway.items(rest.Area, "GET", "areas", params=_given(floor=floor))
+
     def objects(
         self, text: str = "", *, floor: str = "", label: str = "", status: str = "", min_confidence: float = 0.0
     ) -> list[rest.Object]:

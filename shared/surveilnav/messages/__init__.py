@@ -3,6 +3,7 @@
 Each message has ``stamp_ns``, the time of its sender's clock in nanoseconds since the epoch (simulated time in a benchmark).
 """
 
+from surveilnav.messages.area import Area, FloorAreas
 from surveilnav.messages.camera import (
     CameraInfo,
     CameraRequest,
@@ -74,6 +75,8 @@ from surveilnav.messages.view import MEASURED, CaptureClock, DepthSource, DepthU
 from surveilnav.mission_states import FINISHED_STATES
 
 __all__ = [
+    "Area",
+    "FloorAreas",
     "MEASURED",
     "ACTIONS",
     "LAYERS",

@@ -7,7 +7,7 @@ finite are null: remote data can hold anything. These models need pydantic and n
 """
 
 from surveilnav.rest.base import ID_PATTERN, ROOT, GrowingItems, Items, Resource
-from surveilnav.rest.building import Building, Floor, FloorCamera, Layer, Object, ObjectEvent
+from surveilnav.rest.building import Area, Building, Floor, FloorCamera, Layer, Object, ObjectEvent
 from surveilnav.rest.cameras import AccessRecord, Camera, CameraCone, CameraStream, CameraView, PictureKeeper
 from surveilnav.rest.missions import FINISHED_STATES, Mission, MissionPlan, MissionTraffic, NewMission, Place
 from surveilnav.rest.recordings import Recorder, Recording, Replay, ReplayChange
@@ -24,6 +24,7 @@ __all__ = [
     "LIVE_RESOURCES",
     "ROOT",
     "AccessRecord",
+    "Area",
     "Building",
     "Camera",
     "CameraCone",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from datetime import datetime
+from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -42,6 +43,19 @@ class Floor(Resource):
     perception_ok: bool | None = None
     message: str = ""
     layers: dict[str, str] = Field(description="where the pictures are")
+
+
+class Area(Resource):
+    """A keepout zone, where no robot is sent, or a door or a lift, which robots pass while it is open."""
+
+    id: str = Field(description="floor/kind/name")
+    floor: str
+    name: str
+    kind: Literal["keepout", "door", "lift"]
+    state: Literal["open", "closed", "unknown"] | None = Field(
+        description="of a passage; unknown: nothing was said of it lately, and what the map says counts; null: it is a zone"
+    )
+    outline_m: list[tuple[float, float]] = Field(description="corners (x, y) in the world frame")
 
 
 class Layer(BaseModel):

@@ -8,7 +8,7 @@ from typing import Any
 from pydantic import BaseModel, Field
 
 from surveilnav.rest.base import Number, Text
-from surveilnav.rest.building import Building, Floor, Object
+from surveilnav.rest.building import Area, Building, Floor, Object
 from surveilnav.rest.cameras import Camera
 from surveilnav.rest.missions import Mission, MissionPlan, MissionTraffic
 from surveilnav.rest.recordings import Recorder, Replay
@@ -21,6 +21,7 @@ LIVE_RESOURCES: dict[str, type[BaseModel]] = {
     "building": Building,
     "readiness": Readiness,
     "floor": Floor,
+    "area": Area,
     "camera": Camera,
     "robot": Robot,
     "worker": Worker,

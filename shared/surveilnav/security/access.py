@@ -70,6 +70,7 @@ READERS: dict[str, frozenset[Kind]] = {
     "robot_command": _kinds("planner"),
     "robot_halt": _kinds("gateway"),
     "passage_state": _kinds("planner"),
+    "floor_areas": _kinds("gateway"),
     "perception_infer": _kinds("fusion"),
     "perception_text": _kinds("fusion", "planner", "gateway", "recorder"),
     "perception_load": _kinds("fusion", "planner", "gateway", "recorder", "supervisor", "viewer"),

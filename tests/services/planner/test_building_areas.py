@@ -6,11 +6,12 @@ import math
 
 import pytest
 
-from surveilnav.bus import clock_ns
-from surveilnav.contract import PASSAGE_STATE
+from surveilnav.bus import Refused, clock_ns
+from surveilnav.contract import FLOOR_AREAS, PASSAGE_STATE
 from surveilnav.errors import ConfigError
 from surveilnav.messages import PassageState
 from surveilnav.services.planner.areas import BuildingAreas, MissionAreas
+from surveilnav.services.planner.pausing import Pauses
 from tests.services.planner.test_service import (  # noqa: F401
     QUICK,
     Fakes,
@@ -23,6 +24,7 @@ from tests.services.planner.test_service import (  # noqa: F401
     status_of,
     submit,
 )
+from tests.services.planner.test_store import saved
 from tests.waiting import until
 
 #: A room in two halves, joined by an opening of 1.25 m. The cameras have seen all of it.
@@ -105,10 +107,102 @@ def test_a_person_has_it_go_on_although_the_door_is_said_to_be_closed(robot, pla
     assert end_of(client).found
 
 
+@pytest.fixture
+def restarted(make_node, begin, file, tmp_path):  # noqa: F811
+    """``restarted(settings)``: a planner with the same store as the one before, which has ended."""
+    running = []
+
+    def start(settings=QUICK):
+        for node in running:
+            node.__exit__(None, None, None)
+        running[:] = [make_node("planner", f"planner-{len(running)}")]
+        update = {"building_file": file, "store": str(tmp_path / "missions.db")}
+        return begin(running[0], settings.model_copy(update=update))
+
+    return start
+
+
+def test_a_mission_still_waits_at_the_door_after_a_restart_of_the_planner(robot, restarted, client, door, file):  # noqa: F811
+    why = begin_at_closed_door(restarted, client, door, file).message
+    restarted()
+    until(lambda: status_of(client).state == "paused", timeout_s=5.0)
+    assert stands_still(robot), "nothing was said of the door yet"
+    door("closed")
+    assert stands_still(robot)
+    assert (status_of(client).state, status_of(client).message) == ("paused", why)
+    assert robot.world.x < 2.2
+    door("open")
+    assert end_of(client).found
+
+
+def test_a_person_vouches_for_a_door_that_a_mission_has_waited_for_since_before_a_restart(
+    robot,
+    restarted,
+    client,  # noqa: F811
+    door,
+    file,
+):
+    begin_at_closed_door(restarted, client, door, file)
+    restarted()
+    until(lambda: status_of(client).state == "paused", timeout_s=5.0)
+    assert pause(client, paused=False).accepted
+    door("closed")
+    assert end_of(client).found
+
+
+def test_what_a_person_said_of_a_door_outlives_the_planner(robot, restarted, client, door, file):  # noqa: F811
+    begin_at_closed_door(restarted, client, door, file)
+    robot.slow_s = 0.05
+    assert pause(client, paused=False).accepted
+    assert robot.world.x < 2.2, "it has yet to drive through"
+    restarted()
+
+    def ended():
+        door("closed")
+        status = status_of(client)
+        assert status.state != "paused", status.message
+        return status if status.finished_ns else None
+
+    assert until(ended, timeout_s=30.0).found
+
+
+def test_what_was_closed_before_a_restart_counts_until_something_is_said(make_node, door, file, monkeypatch):
+    areas = BuildingAreas(make_node("planner", "planner"), file)
+    areas.remember_closed("floor-r1", ("lobby",))
+    assert areas.state_of("floor-r1", "lobby") == "closed"
+    assert areas.state_of("floor-r1", "entrance") == "unknown"
+    until(lambda: door("open") or areas.state_of("floor-r1", "lobby") == "open", lambda: "", 5.0)
+    later = BuildingAreas(make_node("planner", "later"), file)
+    monkeypatch.setattr("surveilnav.services.planner.areas._MAX_AGE_S", 0.0)
+    later.remember_closed("floor-r1", ("lobby",))
+    assert later.state_of("floor-r1", "lobby") == "unknown", "for as long as a message would"
+
+
 def test_a_door_of_which_nothing_is_said_is_driven_through(robot, planner, client, file):  # noqa: F811
     planner(QUICK.model_copy(update={"building_file": file}))
     submit(client)
     assert end_of(client).found
+
+
+def test_others_are_told_of_zones_and_doors_and_of_each_change(planner, client, door, file):  # noqa: F811
+    heard = client.table(FLOOR_AREAS)
+    service = planner(QUICK.model_copy(update={"building_file": file}))
+
+    def told(state):
+        door(state)
+        service.step()
+        rows = [row.message for row in heard.rows()]
+        return next((r for r in rows if [a.state for a in r.areas] == ["", state]), None)
+
+    (store, lobby) = until(lambda: told("closed"), lambda: heard.rows()).areas
+    assert (store.name, store.kind, store.outline_m[1]) == ("store", "keepout", (1.0, 0.3))
+    assert (lobby.name, lobby.kind) == ("lobby", "door")
+    until(lambda: told("open"), lambda: heard.rows())
+    assert [a.state for row in client.ask_all(FLOOR_AREAS, timeout_s=1) for a in row.message.areas] == ["", "open"]
+    with pytest.raises(Refused, match="no areas of floor 'attic'"):
+        client.ask(FLOOR_AREAS, floor="attic")
+    file.write_text("building: test")
+    until(lambda: service.step() or [r.message.areas for r in heard.rows()] == [[]], lambda: heard.rows())
 
 
 def test_what_nobody_says_any_more_is_unknown(make_node, door, file, monkeypatch):
@@ -124,25 +218,23 @@ def test_what_nobody_says_any_more_is_unknown(make_node, door, file, monkeypatch
 def test_what_a_person_said_holds_until_the_door_opens(make_node, door, file):
     areas = BuildingAreas(make_node("planner", "planner"), file)
     mission = MissionAreas(areas)
+    pauses = Pauses(mission, saved())
 
     def say(state):
         until(lambda: door(state) or areas.state_of("floor-r1", "lobby") == state, lambda: "", 5.0)
         return [a.kind for a in mission.on_floor("floor-r1")]
 
     assert say("closed") == ["keepout", "closed"]
-    mission.vouch()
+    pauses.begin("lunch")
+    pauses.resume()
     assert say("closed") == ["keepout", "closed"], "it didn't wait there"
-    mission.wait(FakePause(), "why", "floor-r1", ("lobby",))
-    mission.vouch()
+    assert pauses.for_passages("why", "floor-r1", ("lobby",))
+    assert not mission.vouched
+    pauses.resume()
+    assert pauses.reason is None
     assert say("closed") == ["keepout"]
     assert say("open") == ["keepout", "open"]
     assert say("closed") == ["keepout", "closed"]
-
-
-class FakePause:
-    def begin(self, reason, is_over):
-        assert not is_over()
-        return True
 
 
 def test_a_changed_file_is_read_again_and_a_wrong_one_keeps_the_former_zones(make_node, file, monkeypatch):

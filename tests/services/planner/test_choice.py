@@ -2,30 +2,35 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from surveilnav.services.planner.core import MissionState, PlannerConfig
-from surveilnav.services.planner.core import choice as decisions
-from surveilnav.services.planner.core.choice import Choice, choose, highest_utility, papers_order
+from surveilnav.services.planner.core.choice import Choice, choose
+from surveilnav.services.planner.core.choice_rules import _PAPERS_ORDER, highest_utility, papers_order
 from surveilnav.services.planner.core.context import StepContext
 from surveilnav.services.planner.core.memory.waypoint import CurrentWaypoint
 from surveilnav.services.planner.core.motion.drive import FmmPlanner
 from surveilnav.services.planner.core.options.frontiers import by_chance_per_metre, only
 from surveilnav.services.planner.core.options.option import Option
+from surveilnav.services.planner.core.sequence import expected_way_m
 
 CONFIG = PlannerConfig()
+SETTINGS = SimpleNamespace(config=CONFIG)
 KINDS = ("target", "candidate", "stairs", "frontier")
 ROOMS = """
 ##########################################
 #                   #                    #
 #                   #              CC    #
-#                   #              CC    #
+#                                  CC    #
 #                                        #
-#   R               #                    #
+#   R                                    #
 #                   #                    #
 ##########################################
 """
@@ -50,7 +55,7 @@ options = st.lists(
 @given(options)
 def test_the_highest_utility_wins_unless_the_current_one_is_nearly_as_good(proposed):
     """Against the rule written out, option by option."""
-    chosen = highest_utility(proposed, CONFIG)
+    chosen = highest_utility(proposed, SETTINGS)
     most = max(o.utility for o in proposed)
     current = [o.utility for o in proposed if o.is_current]
     keeps = bool(current) and most <= CONFIG.switch_ratio * max(current)
@@ -60,7 +65,7 @@ def test_the_highest_utility_wins_unless_the_current_one_is_nearly_as_good(propo
 
 @given(options)
 def test_the_papers_order_compares_only_within_the_first_kind(proposed):
-    chosen = papers_order(proposed, CONFIG.changed(switch_ratio=1.0))
+    chosen = papers_order(proposed, SimpleNamespace(config=CONFIG.changed(switch_ratio=1.0)))
     first = next(kind for kind in KINDS if any(o.kind == kind for o in proposed))
     assert chosen.kind == first
     assert chosen.utility == max(o.utility for o in proposed if o.kind == first)
@@ -69,8 +74,8 @@ def test_the_papers_order_compares_only_within_the_first_kind(proposed):
 def test_an_accepted_last_resort_comes_first_in_either_order():
     accepted = option("candidate", 1.0, is_accepted=True)
     among = [option("target", 0.3), accepted, option("frontier", 0.2)]
-    assert highest_utility(among, CONFIG) is accepted
-    assert papers_order(among, CONFIG) is accepted
+    assert highest_utility(among, SETTINGS) is accepted
+    assert papers_order(among, SETTINGS) is accepted
 
 
 def context_of(world, state, config=CONFIG, rule=by_chance_per_metre, **changes):
@@ -106,7 +111,7 @@ def test_what_is_shown_has_chance_cost_and_utility(world):
     for c in shown:
         assert c.cost_m > 0.0
         assert 0.0 <= c.chance <= 1.0
-        assert c.score == pytest.approx(c.chance / c.cost_m)
+        assert c.utility == pytest.approx(c.chance / c.cost_m)
 
 
 def test_what_is_blacklisted_for_a_while_is_tried_before_the_floor_counts_as_searched(world):
@@ -133,7 +138,7 @@ def test_an_object_that_exploring_outdoes_counts_as_oscillating(make_record, kno
     state = MissionState("chair", floor="0", waypoint=CurrentWaypoint("candidate", 3.0, 3.0, None, 0, object_id=4))
     here = option("candidate", known_utility, record=record, is_current=True)
     among = [here, option("frontier", 0.1)]
-    state.apply(Choice(highest_utility(among, CONFIG), tuple(among)), CONFIG)
+    state.apply(Choice(highest_utility(among, SETTINGS), tuple(among)), CONFIG)
     assert state.here.oscillations == ({4: 1} if left else {})
     assert state.waypoint.kind == ("frontier" if left else "candidate")
 
@@ -168,4 +173,48 @@ def test_every_kind_of_option_has_a_behaviour():
     from surveilnav.services.planner.core.options.option import OptionKind
     from surveilnav.services.planner.core.step import BEHAVIOURS
 
-    assert set(BEHAVIOURS) == set(OptionKind.__args__) == set(decisions._PAPERS_ORDER)
+    assert set(BEHAVIOURS) == set(OptionKind.__args__) == set(_PAPERS_ORDER)
+
+
+# --- orders -------------------------------------------------------------------------------------------------------
+
+
+def expected_by_orders(chance, spend_m, first_m, between_m):
+    """The slow reference: every order, written out."""
+    n = len(chance)
+    best = np.full(n, np.inf)
+    for order in itertools.permutations(range(n)):
+        way_m, not_found, at = 0.0, 1.0, None
+        for i in order:
+            way_m += not_found * ((first_m[i] if at is None else between_m[at, i]) + spend_m[i])
+            not_found *= 1.0 - chance[i]
+            at = i
+        best[order[0]] = min(best[order[0]], way_m)
+    return best
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_best_order_is_that_of_trying_all(seed):
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(1, 6))
+    chance, spend_m, first_m = rng.uniform(0, 1, n), rng.uniform(0, 5, n), rng.uniform(0, 30, n)
+    between_m = rng.uniform(0, 30, (n, n))  # there and back need not be the same
+    found = expected_way_m(chance, spend_m, first_m, between_m)
+    assert found == pytest.approx(expected_by_orders(chance, spend_m, first_m, between_m))
+
+
+def test_two_options_behind_one_door_may_beat_a_better_one_on_the_other_side():
+    """By chance per metre the robot goes left first; but on the right three options are together."""
+    chance, spend_m = np.array([0.16, 0.14, 0.14, 0.14]), np.full(4, 2.0)
+    first_m = np.array([6.0, 7.0, 7.0, 7.0])
+    between_m = np.array([[0, 13, 13, 13], [13, 0, 1, 1], [13, 1, 0, 1], [13, 1, 1, 0.0]])
+    assert int(np.argmax(chance / (first_m + spend_m))) == 0
+    assert int(np.argmin(expected_way_m(chance, spend_m, first_m, between_m))) != 0
+
+
+def test_a_search_in_sequence_finds_and_ends(world, thing):
+    w = world(ROOMS, {"C": thing("chair", looks_like="chair")})
+    _, decision = w.run(config=PlannerConfig(choice="sequence"))
+    assert decision.found
+    _, decision = world(ROOMS).run(config=PlannerConfig(choice="sequence"))
+    assert decision.error == "not_found"

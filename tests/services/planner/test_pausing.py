@@ -11,7 +11,9 @@ def test_what_a_person_began_only_a_person_ends() -> None:
     assert not pause.begin("waits for door lobby", lambda: True)
     pause.wait(0.0)
     assert (pause.reason, pause.stored_reason) == ("lunch", "lunch")
-    assert not pause.end(), "it wasn't the door's"
+    assert not pause.ends_itself, "it isn't the door's"
+    pause.end()
+    assert pause.reason is None
 
 
 def test_a_person_may_take_a_doors_pause_over() -> None:
@@ -21,7 +23,7 @@ def test_a_person_may_take_a_doors_pause_over() -> None:
     pause.begin("lunch")
     pause.wait(0.0)
     assert pause.stored_reason == "lunch"
-    assert not pause.end()
+    assert not pause.ends_itself
 
 
 def test_a_pause_that_begins_while_another_ends_itself_stays() -> None:
@@ -44,4 +46,6 @@ def test_a_doors_pause_ends_by_itself_and_by_a_person() -> None:
     pause.begin("waits for door lobby", lambda: False)
     pause.wait(0.0)
     assert pause.reason == "waits for door lobby"
-    assert pause.end(), "a person vouches for the door"
+    assert pause.ends_itself
+    pause.end()
+    assert pause.reason is None

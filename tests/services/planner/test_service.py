@@ -44,6 +44,7 @@ from surveilnav.messages import (
     MissionPause,
     ModelIds,
     Revision,
+    RobotFrameProblem,
     RobotStatus,
     Stair,
     TextReply,
@@ -754,6 +755,28 @@ def test_paused_and_waiting_missions_outlive_the_planner(fakes, make_node, begin
     assert pause(client, paused=False).accepted
     assert end_of(client).found
     until(lambda: service.step() or status_of(client, "m2").state == "done", timeout_s=20)
+
+
+def test_a_pause_for_the_robots_frame_outlives_the_planner_and_comes_once(fakes, make_node, begin, client, tmp_path):
+    f = fakes()
+    settings = QUICK.model_copy(update={"store": str(tmp_path / "missions.db")})
+    first = make_node("planner", "first")
+    begin(first, settings)
+    under_way(client, f)
+    f.frames = [RobotFrameProblem("r1", "robot r1 isn't where it says", 0.5, 0.0, 0.0)]
+    until(lambda: status_of(client).state == "paused")
+    first.__exit__(None, None, None)
+    second = make_node("planner", "second")
+    begin(second, settings)
+    until(lambda: status_of(client).state == "paused")
+    assert status_of(client).message == "robot r1 isn't where it says"
+    assert stands_still(f)
+    commands = len(f.commands)
+    assert pause(client, paused=False).accepted
+    until(lambda: len(f.commands) > commands)
+    second.__exit__(None, None, None)
+    begin(make_node("planner", "third"), settings)
+    assert end_of(client).found, "a person has said that it may go on"
 
 
 # --- several floors ---------------------------------------------------------------------------------------------------

@@ -13,7 +13,7 @@ from structlog.testing import capture_logs
 
 from surveilnav.messages import Candidate, MissionStatus, Plan
 from surveilnav.services.planner.core import MissionState
-from surveilnav.services.planner.store import VERSION, PendingAction, SavedMission, Store, StoreError
+from surveilnav.services.planner.store import VERSION, PassageWait, PendingAction, SavedMission, Store, StoreError
 
 
 def saved(id="m1", **more):
@@ -38,6 +38,9 @@ def full(id="m1"):
         id,
         robot_path_m=1.0,
         cancel="enough",
+        waits_for=PassageWait(reason="waits for door lobby", floor="0", passages=("lobby", "lift_1")),
+        vouched=frozenset({("0", "entrance"), ("1", "entrance")}),
+        frame_told=True,
         memory=MissionState("chair").to_json().decode(),
         pending=PendingAction(seq=41, action="take_stairs", to_floor="1"),
         plan=Plan(
@@ -81,6 +84,20 @@ def test_missions_come_back_as_they_were_in_the_order_they_came(open_store):
     store.save(changed)
     store.close()
     assert open_store().load() == [changed, *missions[1:]]
+
+
+def test_a_mission_of_before_pauses_were_stored_is_read(open_store, tmp_path):
+    path = tmp_path / "planner.sqlite"
+    store = open_store(path)
+    store.save(full())
+    store.close()
+    with sqlite3.connect(path) as connection:
+        connection.execute(
+            "UPDATE missions SET record = json_remove(record, '$.waits_for', '$.vouched', '$.frame_told')"
+        )
+    connection.close()
+    former = msgspec.structs.replace(full(), waits_for=None, vouched=frozenset(), frame_told=False)
+    assert open_store(path).load() == [former]
 
 
 def test_deleted_missions_are_gone(open_store):

@@ -25,6 +25,7 @@ TABLE = {
     "robot_command": ("robot", "planner"),
     "robot_halt": ("robot", "gateway"),
     "passage_state": ("doors", "planner"),
+    "floor_areas": ("planner", "gateway"),
     "perception_infer": ("perception", "fusion"),
     "perception_text": ("perception", "fusion planner gateway recorder"),
     "perception_load": ("perception", "fusion planner gateway recorder supervisor viewer"),

@@ -80,3 +80,7 @@ def test_the_files_describe_one_building(
     assert robot.floor_z_m == cameras.floors[robot.floor].z_m
     assert robot.T_building_map is not None
     assert (robot.T_building_map.yaw_deg, robot.router) == (35.0, RobotHardwareSettings().router)
+    assert robot.topics.scan == ""
+    monkeypatch.setenv("SURVEILNAV_ROBOT_HARDWARE__SCANNER", "true")
+    describe.main()
+    assert load_robot(read.robots["r1"]).topics.scan == "scan"

@@ -1,7 +1,7 @@
 // The building as the gateway tells of it: resources by kind and id. Parts of the page are drawn again when it changes.
 import { useEffect, useState } from "./ui.js";
 
-export const KINDS = ["building", "readiness", "floor", "camera", "robot", "worker", "recorder", "service", "mission", "plan", "cost", "object", "traffic", "replay", "removal"];
+export const KINDS = ["building", "readiness", "floor", "area", "camera", "robot", "worker", "recorder", "service", "mission", "plan", "cost", "object", "traffic", "replay", "removal"];
 const REDRAW_MS = 150;
 
 const things = Object.fromEntries(KINDS.map(kind => [kind, new Map()]));

@@ -48,6 +48,7 @@ def object_option(
         is_current=is_current(context, record),
         is_fallback=is_fallback,
         is_accepted=is_accepted,
+        spend_m=context.config.verify_cost_m,
     )
 
 

@@ -66,4 +66,5 @@ def _option(context: StepContext, rated: RatedFrontier, *, is_current: bool) -> 
         f"{rated.why}, {f.travel_time_m:.1f} m",
         frontier=f,
         is_current=is_current,
+        spend_m=context.config.explore_cost_m,
     )

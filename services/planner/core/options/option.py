@@ -27,6 +27,7 @@ class Option:
         x_m, y_m: where [m, world].
         chance: that the target is found there, 0 to 1.
         cost_m: the expected way until then, in metres: the travel time there, and what looking or exploring there takes.
+            ``spend_m``: the latter alone.
         utility: what options are compared by; ``chance / cost_m`` unless the proposer says why not.
         why: for people.
         record: the object. ``frontier``, ``stairs`` with ``floor_goal``, ``passages``: what the other kinds are about.
@@ -50,6 +51,7 @@ class Option:
     is_current: bool = False
     is_fallback: bool = False
     is_accepted: bool = False
+    spend_m: float = 0.0
 
     def to_candidate(self, *, chosen: bool) -> Candidate:
         """The option as people are shown it."""

@@ -2,12 +2,13 @@
 import { all, one, useStore } from "../store.js";
 import { toast } from "../toasts.js";
 import { html, useState } from "../ui.js";
+import { bars, middleOf, nameOfArea } from "./areas.js";
 import { LAYERS, nameOf } from "./layers.js";
 import { Legend } from "./legend.js";
 import { chooseFloor, selection } from "./selection.js";
 import { MapStage } from "./stage.js";
 
-const SWITCHES = [...LAYERS.map(l => [l, nameOf(l)]), ["cones", "camera views"], ["objects", "objects"]];
+const SWITCHES = [...LAYERS.map(l => [l, nameOf(l)]), ["cones", "camera views"], ["objects", "objects"], ["areas", "zones and doors"]];
 
 /** The floor that a person chose, else that of a robot with a mission, else of any robot. */
 export function shownFloor() {
@@ -34,7 +35,7 @@ export function MapPanel() {
     ${!Cloud && html`<${Switches} shown=${shown} setShown=${setShown} />`}
     <div class="stage">${Cloud ? html`<${Cloud} floor=${floor} />` : html`<${MapStage} floor=${floor} shown=${shown} onLayers=${l => setLayers({ ...l })} />`}
       <${Empty} floor=${floor} /></div>
-    ${!Cloud && html`<${Legend} range=${shown.value ? layers?.pictures?.value?.range : null} prior=${shown.occupancy && layers?.pictures?.occupancy?.canvas.hasPrior} problem=${shown.value ? layers?.problems?.value : null} />`}
+    ${!Cloud && html`<${Legend} range=${shown.value ? layers?.pictures?.value?.range : null} prior=${shown.occupancy && layers?.pictures?.occupancy?.canvas.hasPrior} problem=${shown.value ? layers?.problems?.value : null} areas=${shown.areas ? all("area").filter(a => a.floor === floor) : []} />`}
     <${Positions} floor=${floor} />
   </section>`;
 }
@@ -68,6 +69,7 @@ function Positions({ floor }) {
   const at = p => `at ${p[0].toFixed(1)}, ${p[1].toFixed(1)} metres`;
   return html`<ul class="unseen" aria-label="What is on the map">
     ${all("robot").filter(r => r.floor === floor).map(r => html`<li data-robot=${r.id}>Robot ${r.id}, ${r.state}, ${at(r.position_m)}${r.battery == null ? "" : `, battery ${Math.round(100 * r.battery)} %`}</li>`)}
+    ${all("area").filter(a => a.floor === floor).map(a => html`<li data-area=${a.id}>${nameOfArea(a)}, ${at(middleOf(a))}${bars(a) ? ": no robot is sent there" : ""}</li>`)}
     ${all("camera").filter(c => c.floor === floor).map(c => html`<li>Camera ${c.id}, ${c.invoked ? "invoked" : "not invoked"}, ${at(c.position_m)}</li>`)}
   </ul>`;
 }

@@ -2,6 +2,7 @@
 import { all } from "../store.js";
 import { colour } from "../theme.js";
 import { trailOf } from "../trails.js";
+import { areaMark, areaNames } from "./areas.js";
 import { conesOf } from "./cones.js";
 import { metreGrid, northArrow, scaleBar } from "./furniture.js";
 import { LAYERS, opacityOf } from "./layers.js";
@@ -25,10 +26,13 @@ export function drawScene(c, view, t, { floor, layers, shown, poses, came }) {
   const cameras = here("camera");
   const tints = { ...t, coneAlpha: shown.value && layers?.pictures.value ? 0.18 : 0.34 }; // two tints at once would hide each other
   if (shown.cones) drawCones(c, view, cameras, layers, tints, came);
-  const plans = here("plan");
+  const plans = here("plan"), areas = shown.areas ? here("area") : [];
+  for (const area of areas) areaMark(c, view, area, t);
   for (const robot of here("robot")) symbols.trail(c, view, trailOf(robot.id).filter(p => p.floor === floor), t);
   for (const plan of plans) drawPlan(c, view, plan, t);
-  if (shown.objects) drawObjects(c, view, here("object"), t, cameras.map(camera => symbols.cameraBox(view, camera)));
+  const taken = cameras.map(camera => symbols.cameraBox(view, camera));
+  areaNames(c, view, areas, t, taken);
+  if (shown.objects) drawObjects(c, view, here("object"), t, taken);
   for (const camera of cameras) symbols.cameraMark(c, view, camera, t, selection.camera === camera.id);
   for (const plan of plans) symbols.waypoint(c, view, plan.waypoint, t);
   for (const robot of here("robot")) symbols.robotMark(c, view, robot, poses.of(robot), t);
