@@ -128,7 +128,7 @@ class PerfectDetector(Backend):
         there = max(own, key=lambda d: _iou(d.box_px, thing.box_px), default=None)
         if there is not None and _iou(there.box_px, thing.box_px) >= _SAME_THING_IOU:
             return there.embedding
-        return self._looks.embed_texts([thing.label])[0]
+        return np.asarray(self._looks.embed_texts([thing.label])[0], np.float32)
 
 
 class Simulated(Backend):

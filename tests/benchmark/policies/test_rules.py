@@ -191,7 +191,7 @@ def test_values_lead_vlfm_and_not_frontier(flat, search):
         for sign in (1.0, -1.0):
             weighed, chosen = first_choice(search, flat, name, lambda x, y, s=sign: 0.5 + 0.03 * s * x)
             by_rule[name, sign] = chosen.x_m
-            assert chosen.score == max(c.score for c in weighed)
+            assert chosen.utility == max(c.utility for c in weighed)
     assert by_rule["vlfm", 1.0] > by_rule["vlfm", -1.0]
     assert by_rule["frontier", 1.0] == by_rule["frontier", -1.0]
 
