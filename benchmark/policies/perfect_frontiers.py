@@ -1,8 +1,8 @@
 """A bound, no method: ours, but told which frontier lies on the shortest way to a goal. All else is as ours.
 
 Its gain over ours is what better knowledge of what lies beyond frontiers could bring at most, with the same perception, the same
-verification and the same driving. A frontier competes with objects as ours does, by the same chance for each metre: so it isn't
-told whether an object is the target, nor that exploring pays off more than going to an object.
+verification and the same driving. The frontier that it chooses competes with objects by the chance of any wide frontier: it
+isn't told whether an object is the target, nor that exploring pays off more than going to an object.
 """
 
 from __future__ import annotations

@@ -55,12 +55,12 @@ class RandomPlaceRule:
 RANDOM_WALK = Policy(
     "random-walk",
     "to a random place within a metre, and on",
-    lambda task: MissionPolicy(task, PlannerConfig(), RandomPlaceRule(task.seed, _WALK_M)),
+    lambda task: MissionPolicy(task, PlannerConfig(choice="paper"), RandomPlaceRule(task.seed, _WALK_M)),
     FusionConfig(),
 )
 RANDOM_SAMPLES = Policy(
     "random-samples",
     "to a random place anywhere, and on",
-    lambda task: MissionPolicy(task, PlannerConfig(), RandomPlaceRule(task.seed, math.inf)),
+    lambda task: MissionPolicy(task, PlannerConfig(choice="paper"), RandomPlaceRule(task.seed, math.inf)),
     FusionConfig(),
 )

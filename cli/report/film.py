@@ -263,7 +263,7 @@ def _candidate(c: Candidate) -> dict[str, Any]:
 
 
 def _is_place(c: Candidate) -> bool:
-    return _finite(c.x_m, c.y_m, c.utility)
+    return _finite(c.x_m, c.y_m, c.utility, c.chance or 0.0, c.cost_m or 0.0)
 
 
 def _simplified(path_m: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:

@@ -58,15 +58,17 @@ CHOICE_RULES: Mapping[str, ChoiceRule] = {
 
 def choose(context: StepContext) -> Choice | None:
     """Chooses what the robot does next; None: nothing is left to do. Nothing is changed."""
+    is_searched = False
     for n, group in enumerate(GROUPS):
+        if n == _N_SEARCHING and not never_leaves(context):
+            context, is_searched = _with_floor_searched(context), True
         options = _propose(context, group)
         if not options:
             continue
         chosen = CHOICE_RULES[context.config.choice](options, context)
         compared = tuple(sorted(options, key=lambda option: (option is not chosen, -option.utility)))
-        is_searched = n >= _N_SEARCHING and not never_leaves(context)
         constrained = tuple((f.x_m, f.y_m) for f in split_by_access(context)[1])
-        return Choice(chosen, compared, constrained, _likeliest_left(context) if is_searched else None)
+        return Choice(chosen, compared, constrained, context.state.here.best_remaining_chance if is_searched else None)
     return None
 
 
@@ -78,7 +80,10 @@ def _propose(context: StepContext, group: Sequence[Proposer]) -> list[Option]:
     return _propose(replace(context, retries_blacklisted=True), group)
 
 
-def _likeliest_left(context: StepContext) -> float:
-    """The chance of the likeliest object of this floor that could still be accepted as a last resort; 0: there is none."""
-    left = objects.last_resorts(context.maps.objects, context.state, context.config)
-    return objects.chance(left[0], context.state.target) if left else 0.0
+def _with_floor_searched(context: StepContext) -> StepContext:
+    """This step once it is recorded that nothing is left to explore or to look at on this floor; and what could still be accepted
+    on it as a last resort. The state of ``context`` isn't changed."""
+    state = context.state.copy()
+    left = objects.last_resorts(context.maps.objects, state, context.config)
+    state.here.record_searched(objects.chance(left[0], state.target) if left else 0.0)
+    return replace(context, state=state) if context.state.here.is_searched else context.anew(state)

@@ -42,7 +42,10 @@ class FrontierRule(Protocol):
     """Rates frontiers. Ours is ``options.frontiers.by_chance_per_metre``; the baselines of the benchmark bring their own."""
 
     def __call__(self, context: StepContext, found: Sequence[Frontier]) -> list[RatedFrontier]:
-        """Rates the frontiers that the robot may explore (there may be none); those that it leaves out aren't explored."""
+        """Rates the frontiers that the robot may explore (there may be none); those that it leaves out aren't explored.
+
+        It may be asked several times a step, also while the robot does something else.
+        """
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,6 +85,12 @@ class StepContext:
         terrain = build_terrain(maps, robot, state, config, places)
         travel_time_m = coarse_travel_time_m(terrain, robot.x_m, robot.y_m)
         return cls(state, maps, robot, config, planner, summaries, rule, terrain, travel_time_m)
+
+    def anew(self, state: MissionState) -> StepContext:
+        """This step with another memory, by which the terrain may reach farther: to stairs that nobody has seen."""
+        return StepContext.from_inputs(
+            state, self.maps, self.robot, self.config, self.planner, self.summaries, self.rule
+        )
 
     @cached_property
     def frontiers(self) -> list[Frontier]:

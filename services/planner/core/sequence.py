@@ -49,12 +49,12 @@ def _ways_between(context: StepContext, options: Sequence[Option]) -> NDArray[np
     """(n, n) travel time [m] between options; twice the distance where the map shows no way."""
     places = np.array([(o.x_m, o.y_m) for o in options])
     ways_m = 2.0 * np.linalg.norm(places[:, None] - places, axis=2)
+    known_m = np.full(ways_m.shape, np.inf)
     for i, a in enumerate(options):
         time_m = coarse_travel_time_m(context.terrain, a.x_m, a.y_m)
-        for j, b in enumerate(options):
-            known_m = context.terrain.min_near(time_m, b.x_m, b.y_m, _NEAR_M)
-            ways_m[i, j] = known_m if np.isfinite(known_m) else ways_m[i, j]
-    return np.asarray(ways_m, np.float64)
+        known_m[i] = [context.terrain.min_near(time_m, b.x_m, b.y_m, _NEAR_M) for b in options]
+    known_m = np.minimum(known_m, known_m.T)  # no way leads out of an object that is all mapped, but one leads there
+    return np.asarray(np.where(np.isfinite(known_m), known_m, ways_m), np.float64)
 
 
 def expected_way_m(

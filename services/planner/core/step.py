@@ -100,7 +100,10 @@ def _choose_and_drive(context: StepContext) -> Decision:
             return decision
         if choice is None:
             return _nothing_left(context)
+        was_searched = context.state.here.is_searched
         context.state.apply(choice, context.config)
+        if context.state.here.is_searched != was_searched:
+            context = context.anew(context.state)
         if decision := BEHAVIOURS[choice.chosen.kind](context, choice.chosen):
             return replace(decision, candidates=_shown(choice))
     raise RuntimeError(f"an option is chosen without end: {choice}")

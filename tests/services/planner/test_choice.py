@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from surveilnav.services.planner.core import MissionState, PlannerConfig
+from surveilnav.services.planner.core import MissionState, PlannerConfig, sequence
 from surveilnav.services.planner.core.choice import Choice, choose
 from surveilnav.services.planner.core.choice_rules import _PAPERS_ORDER, highest_utility, papers_order
 from surveilnav.services.planner.core.context import StepContext
@@ -218,3 +218,43 @@ def test_a_search_in_sequence_finds_and_ends(world, thing):
     assert decision.found
     _, decision = world(ROOMS).run(config=PlannerConfig(choice="sequence"))
     assert decision.error == "not_found"
+
+
+#: Two rooms side by side without a door between them, each open to a corridor in the north.
+WALL = """
+##########################
+#                        #
+#                        #
+#                        #
+#           #            #
+#           #            #
+#           #            #
+#    R      #            #
+#           #            #
+##########################
+"""
+
+
+def test_ways_between_options_are_those_of_the_map(world):
+    """Of two places 3 m apart with a wall in between, the way is that around the wall, in both directions."""
+    w = world(WALL)
+    w.explored[:] = 1
+    ways_m = {}
+    for name, occupancy in (("open", np.zeros_like(w.occupancy)), ("walled", w.solid.astype(np.uint8))):
+        context = context_of(w, MissionState("chair", floor="0"), occupancy=occupancy)
+        places = [replace(option(), x_m=w.x + dx, y_m=w.y) for dx in (0.25, 3.25)]
+        ways_m[name] = sequence._ways_between(context, places)
+        assert ways_m[name] == pytest.approx(ways_m[name].T)
+        assert ways_m[name].diagonal().max() == 0.0
+    assert 1.5 < ways_m["open"][0, 1] < 2.5  # an option is reached within a metre
+    assert ways_m["walled"][0, 1] > ways_m["open"][0, 1] + 1.0
+
+
+@pytest.mark.parametrize(("margin_m", "kept"), [(0.0, False), (50.0, True)])
+def test_an_order_is_kept_unless_another_is_shorter_by_a_margin(world, margin_m, kept):
+    w = world(WALL)
+    w.explored[:] = 1
+    context = context_of(w, MissionState("chair", floor="0"), CONFIG.changed(sequence_margin_m=margin_m))
+    current = Option("frontier", w.x, w.y + 1.5, 0.1, 4.0, 0.025, "", is_current=True, spend_m=3.0)
+    other = Option("frontier", w.x + 0.5, w.y, 0.4, 3.5, 0.114, "", spend_m=3.0)
+    assert (sequence.least_expected_way([current, other], context) is current) == kept

@@ -448,7 +448,7 @@ def test_the_way_to_the_stairs_is_left_only_for_what_is_clearly_worth_more(make_
     state.here.is_searched = True
     stairs = Stair(floor="0", at_m=(9.0, 9.0, 0.0), to_floor="1", to_m=(9.0, 9.0, 3.0), length_m=4.0)
     context = replace(context_with(candidate, state), robot=replace(HERE, stairs=(stairs,)))
-    assert choose(context).chosen.record is (None if share > 1.0 else candidate)  # not on the way yet
+    assert choose(context).chosen.record is candidate  # not on the way yet
     state.waypoint = CurrentWaypoint("stairs", 9.0, 9.0, None, 0)
     assert (choose(context).chosen.kind == "stairs") == kept
 

@@ -29,7 +29,8 @@ def initial_scan(context: StepContext, choice: Choice | None) -> Decision | None
     if state.here.scan_turns_left is None:
         if known and state.floor_goal is not None:
             return None  # on the way to another floor: the choice compares that with what is here
-        if not known and not context.maps.pending_views and choice is not None and choice.chosen.kind == "stairs":
+        by_evidence = choice is not None and choice.chosen.kind == "stairs" and choice.searched_chance is None
+        if not known and not context.maps.pending_views and by_evidence:
             return None
         state.here.begin_scan(robot.x_m, robot.y_m, turns)
     state.record_scan_turn()

@@ -33,7 +33,7 @@ def by_chance_per_metre(context: StepContext, found: Sequence[Frontier]) -> list
     ranked, by_value = rank(found, context.maps, context.state.target, config)
     why = "by value" if by_value else "nearest"
     return [
-        RatedFrontier(f, config.explore_chance * f.relative_chance, config.explore_chance * f.score, why)
+        RatedFrontier(f, min(1.0, config.explore_chance * f.relative_chance), config.explore_chance * f.score, why)
         for f in ranked
     ]
 
@@ -41,7 +41,8 @@ def by_chance_per_metre(context: StepContext, found: Sequence[Frontier]) -> list
 def only(context: StepContext, chosen: Frontier, compared: Sequence[Frontier], why: str) -> list[RatedFrontier]:
     """The answer of a ``FrontierRule`` that chooses one frontier without saying what it is worth.
 
-    It gets the chance of any frontier, so that it can be compared with objects; the others are never chosen.
+    It gets ``explore_chance``, the chance of a wide frontier of the lowest value, so that it can be compared with objects. The
+    others are never chosen.
     """
     chance = context.config.explore_chance
     worth = chance / (chosen.travel_time_m + context.config.explore_cost_m)

@@ -18,6 +18,8 @@ from surveilnav.services.planner.core.goals.floors import (
 )
 from surveilnav.services.planner.core.goals.stairs import PathToFloor, path_to_floor_goal, paths_to_floors
 from surveilnav.services.planner.core.memory.floor_goal import FloorGoal
+from surveilnav.services.planner.core.options.candidates import promising_candidates
+from surveilnav.services.planner.core.options.confirmed_objects import confirmed_objects
 from surveilnav.services.planner.core.options.option import Option
 
 
@@ -25,10 +27,12 @@ def other_floors(context: StepContext) -> list[Option]:
     """The floor that the robot is heading for, else those whose cameras saw the target clearly better than those here did."""
     goal, path = context.state.floor_goal, path_to_floor_goal(context)
     if goal is not None and path is not None:
-        return [stairs_option(context, path, goal, evidence(context, goal.to_floor))]
-    if never_leaves(context) or context.maps.pending_views:
+        found = [stairs_option(context, path, goal, evidence(context, goal.to_floor))]
+    elif never_leaves(context) or context.maps.pending_views:
         return []
-    return [_by_evidence(context, floor, path) for floor, path in _with_better_evidence(context).items()]
+    else:
+        found = [_by_evidence(context, floor, path) for floor, path in _with_better_evidence(context).items()]
+    return [] if found and _objects_come_first(context, is_on_the_way=found[0].is_current) else found
 
 
 def unsearched_floors(context: StepContext) -> list[Option]:
@@ -68,6 +72,14 @@ def stairs_option(
         floor_goal=goal,
         is_current=waypoint is not None and waypoint.kind == "stairs",
     )
+
+
+def _objects_come_first(context: StepContext, *, is_on_the_way: bool) -> bool:
+    """Whether stairs aren't weighed at all, because of an object here, which costs less to look at than to come back for.
+
+    That is a confirmed target or, if the robot isn't on its way to the stairs yet, any promising object.
+    """
+    return bool(confirmed_objects(context)) or (not is_on_the_way and bool(promising_candidates(context)))
 
 
 def _with_better_evidence(context: StepContext) -> dict[str, PathToFloor]:

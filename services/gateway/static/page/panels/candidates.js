@@ -3,7 +3,7 @@ import { metres, percent } from "../format.js";
 import { highlight } from "../map/selection.js";
 import { html } from "../ui.js";
 
-const KINDS = { frontier: "frontier", candidate: "perhaps the target", object: "object", stairs: "stairs", target: "target" };
+const KINDS = { frontier: "frontier", candidate: "perhaps the target", object: "object", stairs: "stairs", second_look: "look around", target: "target" };
 const MOST = 6;
 
 /** Chosen first, then by utility. */
