@@ -111,9 +111,12 @@ class MissionAreas:
         self._areas = areas
         self.vouched: frozenset[tuple[str, str]] = frozenset()
 
-    def on_floor(self, floor: str) -> tuple[Area, ...]:
-        """The areas of a floor. What a person said of a passage holds until it is said to be open."""
+    def drop_outdated_vouches(self) -> None:
+        """Forgets what a person said of passages that are said to be open now: once they close again, that is news."""
         self.vouched = frozenset(v for v in self.vouched if self._areas.state_of(*v) != "open")
+
+    def on_floor(self, floor: str) -> tuple[Area, ...]:
+        """The areas of a floor, without the passages that a person says can be passed."""
         return self._areas.on_floor(floor, {passage for there, passage in self.vouched if there == floor})
 
     def remember_closed(self, floor: str, passages: Collection[str]) -> None:

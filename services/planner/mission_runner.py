@@ -264,6 +264,7 @@ class MissionRunner:
     def _decide(self, status: RobotStatus, maps: FloorMaps) -> PendingAction | None:
         """Decides on the next action, and writes it to the store before it is sent to the robot. None: the mission waits."""
         robot = self._robot_view(status)
+        self._areas.drop_outdated_vouches()
         maps = replace(maps, areas=self._areas.on_floor(status.floor))
         self._state, decision = step(self._state, maps, robot, self._config, summaries=self._summaries.by_floor())
         facts = {
