@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import cast
 
 from pydantic import ValidationError
@@ -142,10 +143,15 @@ class MissionBus:
             Refused: the robot can't carry it out.
             MissionFailedError: it didn't answer for ``robot_timeout_s``.
         """
+        send = partial(self._command, action, seq, mission, to_floor, waypoint, found)
+        return self._send_until_answered(send, seq)
+
+    def _send_until_answered(self, send: Callable[[], CommandReply], seq: int) -> bool:
+        """See ``move``. ``send`` sends the command once."""
         began_s = time.monotonic()
         while True:
             try:
-                return self._command(action, seq, mission, to_floor, waypoint, found).seq == seq + 1
+                return send().seq == seq + 1
             except Unanswered as error:
                 self._wait_for_robot(began_s, error)
                 newest = self.robot_status().seq

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from surveilnav.bus import Unanswered
-from surveilnav.messages import Revision, RobotStatus, WaypointPose
+from surveilnav.messages import CommandReply, Revision, RobotStatus, WaypointPose
 from surveilnav.robot_frame import PlanarTransform
 from surveilnav.services.planner.core import FloorMaps, PlannerConfig
 from surveilnav.services.planner.core.motion.waypoint_driving import is_decision_due
@@ -27,20 +28,12 @@ class WaypointBus(MissionBus):
             if status.floor == asked.floor:
                 return status, maps
 
-    def move(
-        self,
-        action: str,
-        seq: int,
-        mission: str,
-        to_floor: str | None = None,
-        waypoint: WaypointPose | None = None,
-        found: bool = False,
-    ) -> bool:
-        """Sends a command until the robot answers. Returns whether it was accepted; raises what ``MissionBus.move`` does."""
+    def _send_until_answered(self, send: Callable[[], CommandReply], seq: int) -> bool:
+        """Sends the command until the robot answers. Returns whether it was accepted."""
         began_s = time.monotonic()
         while True:
             try:
-                return self._command(action, seq, mission, to_floor, waypoint, found).accepted
+                return send().accepted
             except Unanswered as error:
                 self._wait_for_robot(began_s, error)
 
