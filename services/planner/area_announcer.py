@@ -29,7 +29,7 @@ class AreaAnnouncer:
             return
         self._looked_s = now_s
         for floor in self._published.keys() | set(self._areas.floors()):
-            areas = self._areas.told(floor)
+            areas = self._areas.as_messages(floor)
             if areas == self._published.get(floor):
                 continue
             if floor not in self._publishers:
@@ -42,7 +42,7 @@ class AreaAnnouncer:
         if "*" not in wanted and wanted not in known:
             raise Refused("unknown_floor", f"the building file has no areas of floor {wanted!r}")
         floors = known if "*" in wanted else [wanted]
-        return [Answer(_message(floor, self._areas.told(floor)), ids={"floor": floor}) for floor in floors]
+        return [Answer(_message(floor, self._areas.as_messages(floor)), ids={"floor": floor}) for floor in floors]
 
 
 def _message(floor: str, areas: list[Area]) -> FloorAreas:

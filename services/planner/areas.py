@@ -68,7 +68,7 @@ class BuildingAreas:
         """The floors of which the building file has areas."""
         return [floor for floor, known in self._floors().items() if known.keepout or known.passages]
 
-    def told(self, floor: str) -> list[messages.Area]:
+    def as_messages(self, floor: str) -> list[messages.Area]:
         """The areas of a floor for others, with all passages and their states."""
         if (known := self._floors().get(floor)) is None:
             return []
