@@ -205,6 +205,12 @@ class PlannerConfig(BaseModel):
         0.70,
         description="an unconfirmed object that the robot looked at from near by is accepted from this chance on",
     )
+    max_look_places: int = Field(
+        2,
+        ge=1,
+        description="an object that cameras saw and the robot doesn't see from near by is looked at from so many places, before "
+        "what the cameras say is believed",
+    )
     max_extra_looks: int = Field(
         4, description="looks in other directions at an object that isn't verified, before the robot dismisses it"
     )

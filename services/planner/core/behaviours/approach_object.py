@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from surveilnav.messages import ObjectRecord
@@ -34,9 +35,8 @@ def approach_object(context: StepContext, option: Option) -> Decision | None:
     if verification == "contradicted":
         context.state.dismiss(record, f"the robot sees {record.label_robot or 'something else'}")
         return None
-    region = goal_region(
-        context.terrain, context.travel_time_m, record, context.robot, context.config, context.maps.floor_z_m
-    )
+    looked_from = context.state.here.looked_from.get(record.id, ())
+    region = _region(context, record, looked_from) or (_region(context, record) if looked_from else None)
     if region is None:
         if objects.is_confirmed(record, context.state.target):
             context.state.record_unreachable(record, context.area_at(*record.center_m[:2]))
@@ -46,6 +46,13 @@ def approach_object(context: StepContext, option: Option) -> Decision | None:
     if _has_arrived(context, region):
         return _look_and_decide(approach)
     return level_camera(context, option) or _turn_to_unverified(approach, region) or _drive_nearer(approach, region)
+
+
+def _region(
+    context: StepContext, record: ObjectRecord, looked_from: Sequence[tuple[float, float]] = ()
+) -> GoalRegion | None:
+    c = context
+    return goal_region(c.terrain, c.travel_time_m, record, c.robot, c.config, c.maps.floor_z_m, looked_from)
 
 
 def _verification_of(context: StepContext, record: ObjectRecord) -> Verification:
@@ -113,12 +120,31 @@ def _look_and_decide(approach: _Approach) -> Decision | None:
         state.here.record_extra_look(record.id)
         message = f"looking at {_describe(context, record)} again, {looks_taken + 1} of {len(looks)}"
         return context.decide(looks[looks_taken], "confirming", message, approach.option)
+    if decision := _look_from_elsewhere(approach):
+        return decision
     if is_likely_enough(record, state.target, config):
         return _found(approach, "likely enough after all looks at it")
     if record.id == state.here.accepted_object:
         return _accepted(approach)
     state.dismiss(record, "the robot's own views didn't confirm it")
     return None
+
+
+def _look_from_elsewhere(approach: _Approach) -> Decision | None:
+    """Goes to another place near an object that only cameras saw, because the robot may have stood where it can't see it.
+
+    None: the robot saw it, it looked from enough places, or no way leads to another.
+    """
+    context, record = approach.context, approach.record
+    memory, robot, config = context.state.here, context.robot, context.config
+    places = [*memory.looked_from.get(record.id, ()), (robot.x_m, robot.y_m)]
+    if record.label_robot or len(places) >= config.max_look_places or config.verification == "paper":
+        return None
+    region = _region(context, record, places)
+    if region is None:
+        return None
+    memory.record_looked_from(record.id, robot.x_m, robot.y_m)
+    return _drive_nearer(approach, region)
 
 
 def _sees_from_within(context: StepContext, region: GoalRegion, distance_m: float) -> bool:

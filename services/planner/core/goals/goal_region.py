@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -27,6 +28,8 @@ _WORTH_DETOUR_M = 0.75
 #: Points lower than this above the floor belong to the floor, if at least this share of an object's points is higher.
 _FLOOR_M = 0.10
 _ABOVE_FLOOR_SHARE = 0.5
+#: Where the robot looked in vain from a place, it doesn't stand within this distance of it again.
+_ELSEWHERE_M = 0.5
 #: Where no sight line is known, the robot has to stand this near.
 _WITHOUT_SIGHT_M = 1.0
 
@@ -58,20 +61,27 @@ def goal_region(
     robot: RobotView,
     config: PlannerConfig,
     floor_z_m: float = 0.0,
+    looked_from: Sequence[tuple[float, float]] = (),
 ) -> GoalRegion | None:
     """The goal region of an object; None if no way leads to within ``farthest_stop_m`` of it.
 
     Distances to the object are tried from near to far. A larger one is taken only if the way there is clearly shorter.
-    ``travel_time_m``: from the robot (the terrain's shape); ``floor_z_m``: altitude of the floor.
+
+    Args:
+        travel_time_m: from the robot (the terrain's shape). ``floor_z_m``: altitude of the floor.
+        looked_from: places (x, y) [m] from which the robot looked at the object in vain. The region is elsewhere, and on the side
+            from which the object was seen if it was seen from one side only.
     """
     around = _Surroundings.from_object(terrain, record, config, floor_z_m)
     if around is None:
         return None
     window, distance_m, time_m = around.window, around.distance_m, travel_time_m[around.window.slices]
     reachable = np.isfinite(time_m)
+    if looked_from:
+        reachable &= _elsewhere(window, record, looked_from)
     near = reachable & (distance_m <= config.farthest_stop_m)
     if (here := window.cell(terrain.cell(robot.x_m, robot.y_m))) is not None:
-        near[here] = distance_m[here] <= config.inspect_m
+        near[here] = distance_m[here] <= config.inspect_m and (not looked_from or bool(reachable[here]))
     sight = _sight_lines(around, record, near, floor_z_m)
     for option in _ground_options(window, sight, config):
         regions = [(d, option.ground & reachable & (distance_m <= d)) for d in option.distances_m]
@@ -195,7 +205,7 @@ def _sight_lines(around: _Surroundings, record: ObjectRecord, near: NDArray[np.b
     if record.center_m[2] - record.size_m[2] / 2 - floor_z_m < _RAISED_M:
         return _SightLines(direct, direct, direct)
     # a wall isn't furniture: what hangs on its other side can be seen from there only
-    one_side = math.hypot(*record.seen_from) >= _ONE_SIDE
+    one_side = _was_seen_from_one_side(record)
     before = near & _on_the_side_seen(around.window, record) if one_side else near
     over_furniture = direct | _in_sight(around, before, _FURNITURE_M)
     return _SightLines(direct, over_furniture, over_furniture if one_side else direct)
@@ -234,6 +244,19 @@ def _ground_options(window: _Window, sight: _SightLines, config: PlannerConfig) 
         _GroundOption((_WITHOUT_SIGHT_M,), known & fits),
         _GroundOption((_WITHOUT_SIGHT_M,), known),
     )
+
+
+def _was_seen_from_one_side(record: ObjectRecord) -> bool:
+    return math.hypot(*record.seen_from) >= _ONE_SIDE
+
+
+def _elsewhere(window: _Window, record: ObjectRecord, looked_from: Sequence[tuple[float, float]]) -> NDArray[np.bool_]:
+    """The cells (bool of the window's shape) away from where the robot looked in vain, on the side from which others saw it."""
+    away = np.ones(window.terrain.grid.shape, dtype=bool)
+    for x_m, y_m in looked_from:
+        away &= ~window.terrain.disc(x_m, y_m, _ELSEWHERE_M)
+    there = away[window.slices]
+    return there & _on_the_side_seen(window, record) if _was_seen_from_one_side(record) else there
 
 
 def _on_the_side_seen(window: _Window, record: ObjectRecord) -> NDArray[np.bool_]:

@@ -30,6 +30,7 @@ class FloorMemory:
         dismissed: objects that the robot found not to be the target.
         inspection_turns: turns spent on facing an object near by while driving, by object.
         extra_looks: additional looks spent at an object from its goal region, by object.
+        looked_from: places from which the robot looked at an object and never saw it, by object.
         oscillations: how often an object ceased to be promising while the robot was heading for it, by object.
         accepted_object: the object taken for the target on weaker evidence, because nothing else is left.
         scan_places: where the robot looked all around, or would have if it could get there.
@@ -49,6 +50,7 @@ class FloorMemory:
     dismissed: dict[int, DismissedObject] = field(default_factory=dict)
     inspection_turns: dict[int, int] = field(default_factory=dict)
     extra_looks: dict[int, int] = field(default_factory=dict)
+    looked_from: dict[int, list[tuple[float, float]]] = field(default_factory=dict)
     oscillations: dict[int, int] = field(default_factory=dict)
     accepted_object: int | None = None
     scan_places: list[tuple[float, float]] = field(default_factory=list)
@@ -95,6 +97,11 @@ class FloorMemory:
         """Records one more look at an object from its goal region."""
         self.extra_looks[object_id] = self.extra_looks.get(object_id, 0) + 1
 
+    def record_looked_from(self, object_id: int, x_m: float, y_m: float) -> None:
+        """Records that all looks at an object from a place were in vain. From elsewhere, it gets as many looks again."""
+        self.looked_from.setdefault(object_id, []).append((x_m, y_m))
+        self.extra_looks.pop(object_id, None)
+
     def record_searched(self, best_remaining_chance: float) -> None:
         """Records that nothing is left to explore or to look at on this floor."""
         self.is_searched = True
@@ -105,7 +112,7 @@ class FloorMemory:
         self.dismissed = {
             -k: dismissed for k, dismissed in enumerate(self.dismissed.values(), 1)
         }  # no object has these ids
-        for by_object in (self.inspection_turns, self.extra_looks, self.oscillations):
+        for by_object in (self.inspection_turns, self.extra_looks, self.oscillations, self.looked_from):
             by_object.clear()
         self.accepted_object = None
         self.is_searched, self.best_remaining_chance = False, 0.0
@@ -122,6 +129,7 @@ class FloorMemory:
             dismissed=dict(self.dismissed),
             inspection_turns=dict(self.inspection_turns),
             extra_looks=dict(self.extra_looks),
+            looked_from={k: list(places) for k, places in self.looked_from.items()},
             oscillations=dict(self.oscillations),
             scan_places=list(self.scan_places),
             stairs_failures=dict(self.stairs_failures),
