@@ -55,6 +55,15 @@ class ScenePlayer:
         return self._data.content.episodes
 
     @property
+    def building(self) -> SimulatedBuilding:
+        """The simulated building, open."""
+        return self._building
+
+    def label_of(self, episode: HabitatEpisode) -> str:
+        """What an episode searches, as we call it."""
+        return self._data.label_of(episode)
+
+    @property
     def scene(self) -> Scene:
         """The building as it is: for whoever judges."""
         return self._building.scene

@@ -31,10 +31,10 @@ class PlannerConfig(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    strategy: Literal["greedy", "object", "region"] = Field(
+    strategy: Literal["greedy", "object", "region", "places"] = Field(
         "region",
-        description="what ranks frontiers, the paper's three strategies: greedy takes the nearest, object the relevance of "
-        "objects near the frontier, region the value map",
+        description="what ranks frontiers. The paper's three strategies: greedy takes the nearest, object the relevance of "
+        "objects near the frontier, region the value map. places: a learned model of what lies beyond them",
     )
     choice: Literal["utility", "sequence", "paper"] = Field(
         "utility",

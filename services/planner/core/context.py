@@ -29,13 +29,14 @@ from surveilnav.services.planner.core.options.option import Option
 
 @dataclass(frozen=True, slots=True)
 class RatedFrontier:
-    """A frontier with the chance that exploring it finds the target, its utility (comparable with the utilities of objects), and
-    what rated it so, for people."""
+    """A frontier with the chance that exploring it finds the target, its utility (comparable with the utilities of objects), what
+    rated it so, for people, and what exploring is expected to cost beyond the frontier [m]."""
 
     frontier: Frontier
     chance: float
     utility: float
     why: str
+    spend_m: float
 
 
 class FrontierRule(Protocol):

@@ -13,6 +13,7 @@ from surveilnav.services.planner.core.goals.frontier_access import (
 from surveilnav.services.planner.core.goals.frontiers import Frontier, rank
 from surveilnav.services.planner.core.goals.stairs import path_to_floor_goal
 from surveilnav.services.planner.core.options.option import Option
+from surveilnav.services.planner.core.places.rule import by_places
 
 
 def frontiers(context: StepContext) -> list[Option]:
@@ -30,10 +31,18 @@ def constrained_frontiers(context: StepContext) -> list[Option]:
 def by_chance_per_metre(context: StepContext, found: Sequence[Frontier]) -> list[RatedFrontier]:
     """Our ``FrontierRule``: the chance that exploring a frontier finds the target, for each metre of the way there and beyond."""
     config = context.config
+    if config.strategy == "places":
+        return by_places(context, found)
     ranked, by_value = rank(found, context.maps, context.state.target, config)
     why = "by value" if by_value else "nearest"
     return [
-        RatedFrontier(f, min(1.0, config.explore_chance * f.relative_chance), config.explore_chance * f.score, why)
+        RatedFrontier(
+            f,
+            min(1.0, config.explore_chance * f.relative_chance),
+            config.explore_chance * f.score,
+            why,
+            config.explore_cost_m,
+        )
         for f in ranked
     ]
 
@@ -46,7 +55,8 @@ def only(context: StepContext, chosen: Frontier, compared: Sequence[Frontier], w
     """
     chance = context.config.explore_chance
     worth = chance / (chosen.travel_time_m + context.config.explore_cost_m)
-    return [RatedFrontier(f, chance, worth if f is chosen else 0.0, why) for f in compared]
+    cost_m = context.config.explore_cost_m
+    return [RatedFrontier(f, chance, worth if f is chosen else 0.0, why, cost_m) for f in compared]
 
 
 def _options(context: StepContext, found: Sequence[Frontier]) -> list[Option]:
@@ -62,10 +72,10 @@ def _option(context: StepContext, rated: RatedFrontier, *, is_current: bool) -> 
         f.x_m,
         f.y_m,
         rated.chance,
-        f.travel_time_m + context.config.explore_cost_m,
+        f.travel_time_m + rated.spend_m,
         rated.utility,
         f"{rated.why}, {f.travel_time_m:.1f} m",
         frontier=f,
         is_current=is_current,
-        spend_m=context.config.explore_cost_m,
+        spend_m=rated.spend_m,
     )
