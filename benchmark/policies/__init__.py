@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from surveilnav.benchmark.policies.apexnav import APEXNAV
+from surveilnav.benchmark.policies.apexnav import APEXNAV, APEXNAV_VERIFIED
+from surveilnav.benchmark.policies.cow import COW, COW_VERIFIED
+from surveilnav.benchmark.policies.esc import ESC, ESC_VERIFIED
 from surveilnav.benchmark.policies.frontier import FRONTIER
 from surveilnav.benchmark.policies.l3mvn import L3MVN, L3MVN_VERIFIED
 from surveilnav.benchmark.policies.perfect_frontiers import PERFECT_FRONTIERS
@@ -21,11 +23,16 @@ POLICIES: dict[str, Policy] = {
         RANDOM_WALK,
         RANDOM_SAMPLES,
         FRONTIER,
+        COW,
+        COW_VERIFIED,
         VLFM,
         VLFM_VERIFIED,
         L3MVN,
         L3MVN_VERIFIED,
+        ESC,
+        ESC_VERIFIED,
         APEXNAV,
+        APEXNAV_VERIFIED,
         PERFECT_FRONTIERS,
         SHORTEST_PATH,
     )
