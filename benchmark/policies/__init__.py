@@ -7,6 +7,8 @@ from surveilnav.benchmark.policies.cow import COW, COW_VERIFIED
 from surveilnav.benchmark.policies.esc import ESC, ESC_VERIFIED
 from surveilnav.benchmark.policies.frontier import FRONTIER
 from surveilnav.benchmark.policies.l3mvn import L3MVN, L3MVN_VERIFIED
+from surveilnav.benchmark.policies.language_model import LanguageModel
+from surveilnav.benchmark.policies.llm import LLM
 from surveilnav.benchmark.policies.perfect_frontiers import PERFECT_FRONTIERS
 from surveilnav.benchmark.policies.policy import Policy, Searcher, Task, Truth
 from surveilnav.benchmark.policies.random_places import RANDOM_SAMPLES, RANDOM_WALK
@@ -33,6 +35,7 @@ POLICIES: dict[str, Policy] = {
         ESC_VERIFIED,
         APEXNAV,
         APEXNAV_VERIFIED,
+        LLM,
         PERFECT_FRONTIERS,
         SHORTEST_PATH,
     )
@@ -46,4 +49,4 @@ def policy_of(name: str) -> Policy:
     return POLICIES[name]
 
 
-__all__ = ["POLICIES", "Policy", "Searcher", "Task", "Truth", "policy_of"]
+__all__ = ["POLICIES", "LanguageModel", "Policy", "Searcher", "Task", "Truth", "policy_of"]

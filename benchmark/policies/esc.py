@@ -1,8 +1,8 @@
-"""ESC's rule (Zhou et al., ICML 2023, https://arxiv.org/abs/2301.13166): soft constraints of what is near a frontier, and the way.
+"""ESC's rule (Zhou et al., ICML 2023, https://arxiv.org/abs/2301.13166): soft constraints and the way.
 
 Kept (as in SG-Nav's program, which builds on ESC's, https://github.com/bagh2178/SG-Nav): a class of objects within 1.6 m of a
-frontier speaks for it by how likely the target is beside that class, and against it by how unlikely; the room that it lies in does
-likewise; twice the shortness of the way is added, 1 at 1.6 m and 0 from 11.6 m on. Frontiers nearer than 1.6 m are left out as
+frontier speaks for it by how likely the target is beside that class, and against it by how unlikely; so does the room that it
+lies in; twice the shortness of the way is added, 1 at 1.6 m and 0 from 11.6 m on. Frontiers nearer than 1.6 m are left out as
 long as there are others. The highest sum wins and is kept until it is explored. The first detection of the target is believed.
 Not kept: DeBERTa (how often classes share a room in the train homes, ``cooccurrence.json``, stands in), GLIP's words for rooms (a
 room is what is known within 3 m of the frontier), the solver for probabilistic soft logic (that program adds up, too), and the
@@ -14,7 +14,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from functools import lru_cache
 
 from surveilnav.benchmark.policies.cooccurrence import Cooccurrence, of_train
 from surveilnav.benchmark.policies.mission import MissionPolicy, first_sight
