@@ -15,6 +15,7 @@ from surveilnav.benchmark.policies.random_places import RANDOM_SAMPLES, RANDOM_W
 from surveilnav.benchmark.policies.shortest_path import SHORTEST_PATH
 from surveilnav.benchmark.policies.surveilnav import OURS, PAPER
 from surveilnav.benchmark.policies.vlfm import VLFM, VLFM_VERIFIED
+from surveilnav.benchmark.policies.voronoi import VORONOI, VORONOI_VERIFIED
 from surveilnav.errors import ConfigError
 
 POLICIES: dict[str, Policy] = {
@@ -33,6 +34,8 @@ POLICIES: dict[str, Policy] = {
         L3MVN_VERIFIED,
         ESC,
         ESC_VERIFIED,
+        VORONOI,
+        VORONOI_VERIFIED,
         APEXNAV,
         APEXNAV_VERIFIED,
         LLM,
