@@ -1,14 +1,14 @@
 """VoroNav's rule (Wu et al., ICML 2024, https://arxiv.org/abs/2401.02695): decisions where ways part.
 
 Kept: the robot drives along the generalised Voronoi graph of the free space, from node to node, and decides at nodes only. Of
-the neighbouring nodes it takes the best by exploration first, then efficiency, then meaning: those that lead to something
-unexplored, of these the ones where it hasn't been, and of these the one where the target is likeliest by what lies along the
-ways from there to what is unexplored. The first detection of the target is believed.
+the neighbouring nodes it takes the best by exploration first, then efficiency, then meaning: one that leads to something
+unexplored, where it hasn't been, and of these the one where the target is likeliest by what lies along the ways from there to
+what is unexplored. The first detection of the target is believed.
 Not kept: GPT-3.5 (how often classes share a room in the train homes, ``cooccurrence.json``, stands in), BLIP's captions of what
 is to be seen from a node (what is mapped within 2 m of the ways stands in), and the full turn at every node.
 We found no program of the authors (https://voro-nav.github.io). How exploration and efficiency are measured is our reading, and
-so is this: a frontier belongs to the node nearest to it, from its own node the robot goes to the frontier itself, and it decides
-anew once nothing unexplored is left where it is heading.
+so is this: a frontier belongs to the node nearest to it; from its own node, and where all neighbours were visited, the robot goes
+to the nearest frontier itself; and it decides anew once nothing unexplored is left where it is heading.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ class VoronoiRule:
         if not found:
             return []
         goal = self._goal = self._kept(context, found) or self._next(context, found)
-        why = "the next node of the Voronoi graph" if goal.is_node else "unexplored beside the node"
+        why = "the next node of the Voronoi graph" if goal.is_node else "the nearest frontier"
         return only(context, goal.place, [goal.place], why)
 
     def _kept(self, context: StepContext, found: Sequence[Frontier]) -> Goal | None:
@@ -92,7 +92,7 @@ class VoronoiRule:
             return None
         if goal.is_node:
             place = _place(context, at)
-            return place and replace(goal, place=place)
+            return replace(goal, place=place) if place else None
         return _to_frontier(
             context, min(left, key=lambda f: math.dist((f.x_m, f.y_m), at))
         )  # it may have moved a little
@@ -107,33 +107,24 @@ class VoronoiRule:
         here = [f for f, node in zip(found, at_nodes, strict=True) if node in (start, -1)]
         if start < 0 or here:
             return _to_frontier(context, min(here or [nearest], key=lambda f: f.travel_time_m))
-        best, best_reward = None, (False, -1.0, 0.0)
+        best, best_reward = None, (-1.0, 0.0)
         for neighbour in neighbours(graph, start, at_nodes):
-            row, col = _terrain_cell(graph.nodes[neighbour.node], factor)
-            place = _place(context, terrain.centre_of(row, col))
-            if place is None or self._is_near(context, place):
+            place = _place(context, terrain.centre_of(*_terrain_cell(graph.nodes[neighbour.node], factor)))
+            if place is None or self._is_left_alone(context, place):
                 continue
-            reward = self._reward(context, neighbour, place, factor)
+            cells = np.array([_terrain_cell(cell, factor) for cell in neighbour.cells])
+            near = labels_near(np.asarray(terrain.grid.centres_of(cells)), context.maps.objects)
+            reward = self._known.chance(context.state.target, near), -place.travel_time_m
             if reward > best_reward:
                 beyond = tuple((found[i].x_m, found[i].y_m) for i in neighbour.leads_to)
                 best, best_reward = Goal(place, robot.floor, is_node=True, beyond=beyond), reward
         return best or _to_frontier(context, nearest)
 
-    def _is_near(self, context: StepContext, place: Frontier) -> bool:
-        """Whether the robot is at a node already, or leaves it alone."""
-        away_m = math.dist((place.x_m, place.y_m), (context.robot.x_m, context.robot.y_m))
-        return away_m <= _REACHED_M or context.is_blacklisted(place.x_m, place.y_m)
-
-    def _reward(
-        self, context: StepContext, neighbour: Neighbour, place: Frontier, factor: int
-    ) -> tuple[bool, float, float]:
-        """Whether the robot hasn't been at the node, the chance that the target lies beyond, and the shortness of the way."""
-        floor, here = context.robot.floor, (place.x_m, place.y_m)
-        was_there = any(f == floor and math.dist((x_m, y_m), here) <= _REACHED_M for f, x_m, y_m in self._visited)
-        cells = [_terrain_cell(cell, factor) for cell in neighbour.cells]
-        way_m = np.asarray(context.terrain.grid.centres_of(np.array(cells)))
-        near = labels_near(way_m, context.maps.objects)
-        return not was_there, self._known.chance(context.state.target, near), -place.travel_time_m
+    def _is_left_alone(self, context: StepContext, place: Frontier) -> bool:
+        """Whether the robot is or was at a node, or failed to reach it."""
+        at, robot = (place.x_m, place.y_m), context.robot
+        been = [(robot.x_m, robot.y_m), *((x_m, y_m) for floor, x_m, y_m in self._visited if floor == robot.floor)]
+        return context.is_blacklisted(*at) or any(math.dist(at, p) <= _REACHED_M for p in been)
 
 
 def neighbours(graph: VoronoiGraph, start: int, at_nodes: Sequence[int]) -> list[Neighbour]:

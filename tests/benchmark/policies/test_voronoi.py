@@ -190,6 +190,22 @@ def test_it_prefers_nodes_where_it_has_not_been():
     assert near(goal_of(VoronoiRule(KNOWN), context_of((20, 20), sink), [LEFT, RIGHT]), (20, 36))
 
 
+def test_where_it_has_been_everywhere_it_goes_to_the_nearest_frontier():
+    """It would go to and fro between two nodes that both suggest the target."""
+    rule, sinks = VoronoiRule(KNOWN), [thing("sink", 22, 34)]
+    for cell, found in (
+        ((20, 20), [RIGHT]),
+        ((20, 36), [LEFT]),
+        ((20, 20), [LEFT]),
+        ((20, 4), [DOWN]),
+        ((20, 20), [DOWN]),
+    ):
+        goal_of(rule, context_of(cell), found)
+    assert near(goal_of(rule, context_of((36, 20)), [LEFT]), (20, 2))
+    near_left = at(20, 10)
+    assert goal_of(rule, context_of((20, 20), sinks), [RIGHT, near_left]) == (20, 10)
+
+
 def test_it_leaves_alone_what_is_blacklisted_and_forgets_other_floors():
     rule = VoronoiRule(KNOWN)
     assert near(goal_of(rule, context_of((20, 20), [thing("sink", 22, 34)]), [LEFT, RIGHT]), (20, 36))
