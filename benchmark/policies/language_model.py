@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal, TypeVar, get_args
 
 import httpx
 import msgspec
-from pydantic import Field, SecretStr, ValidationError
+from pydantic import Field, ValidationError
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from surveilnav.benchmark import journal
@@ -41,7 +41,7 @@ class LanguageModelSettings(BaseSettings):
         description="the address below which a server answers `/chat/completions` as OpenAI's does, such as "
         "`http://127.0.0.1:8000/v1`; empty: there is none, and the policy `llm` can't be played",
     )
-    key: SecretStr = Field(default=SecretStr(""), description="its API key; empty: it needs none")
+    key: str = Field(default="", repr=False, description="its API key; empty: it needs none")
     timeout_s: float = Field(
         default=20.0, gt=0, le=600, description="an answer that takes longer is given up; that decision is then ours"
     )
@@ -57,6 +57,10 @@ class LanguageModelSettings(BaseSettings):
             raise ConfigError(
                 "the policy 'llm' asks a language model: set SURVEILNAV_LLM__URL to the address of a server with OpenAI's "
                 f"interface, such as http://127.0.0.1:8000/v1; it is {settings.url!r}"
+            )
+        if not (settings.key.isascii() and settings.key.isprintable()):
+            raise ConfigError(
+                "SURVEILNAV_LLM__KEY has characters that can't be sent: expected letters, digits and signs of ASCII"
             )
         return settings
 
@@ -143,12 +147,8 @@ class LanguageModel:
         """``model``: its name on the server. ``folder``: of the run, there already. ConfigError: what is kept can't be read."""
         self._model, self._settings, self._path = model, settings, folder / ANSWERS_FILE
         self._known = {q.key: q for q in kept_questions(folder) if q.outcome == "answered"}
-        key = settings.key.get_secret_value()
-        headers = {"Authorization": f"Bearer {key}"} if key else {}
-        try:
-            self._http = httpx.Client(timeout=settings.timeout_s, headers=headers)
-        except ValueError as error:  # a key that no header can hold
-            raise ConfigError(f"SURVEILNAV_LLM__KEY can't be sent: {type(error).__name__}") from None
+        headers = {"Authorization": f"Bearer {settings.key}"} if settings.key else {}
+        self._http = httpx.Client(timeout=settings.timeout_s, headers=headers)
 
     def ask(self, system: str, text: str, parse: Callable[[str], _T | None]) -> _T | None:
         """The parsed answer to a prompt, known or asked for; None: no answer came in time, or none that can be parsed.

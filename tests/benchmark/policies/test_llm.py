@@ -7,7 +7,6 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
-from pydantic import SecretStr
 
 from surveilnav.benchmark import journal
 from surveilnav.benchmark.policies import POLICIES, Task, llm
@@ -214,7 +213,7 @@ def test_a_server_that_isnt_there_is_counted(server, tmp_path):
 
 def test_an_answer_is_known_to_the_next_process_and_costs_once(server, model, tmp_path):
     server.body = completion("yes", prompt_tokens=70, completion_tokens=9)
-    settings = LanguageModelSettings(url=server.url, key=SecretStr("secret"))
+    settings = LanguageModelSettings(url=server.url, key="secret")
     again = LanguageModel("tiny", settings, tmp_path)
     assert model.ask("a", "b", str) == "yes"
     assert model.ask("a", "b", str) == "yes"
@@ -260,6 +259,7 @@ def test_what_is_kept_and_cant_be_read_is_named(server, tmp_path):
         ({}, {"policy": "llm", "language_model": "tiny"}, "set SURVEILNAV_LLM__URL"),
         ({"URL": "localhost:8000"}, {"policy": "llm", "language_model": "tiny"}, "it is 'localhost:8000'"),
         ({"URL": "http://a", "TIMEOUT_S": "soon"}, {"policy": "llm", "language_model": "tiny"}, "can't be"),
+        ({"URL": "http://a", "KEY": "a\nb"}, {"policy": "llm", "language_model": "tiny"}, "KEY has characters"),
         ({"URL": "http://a"}, {"language_model": "tiny"}, "'surveilnav' asks no language model"),
     ],
 )
