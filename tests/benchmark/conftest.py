@@ -29,7 +29,8 @@ class Server:
                     self.send_response(outer.status)
                     self.end_headers()
                     if outer.trickle_s:
-                        while not outer.stopped.wait(outer.trickle_s):
+                        for _ in range(60):  # not for ever, so that a client that would wait for ever fails its test
+                            outer.stopped.wait(outer.trickle_s)
                             self.wfile.write(b" ")
                             self.wfile.flush()
                     self.wfile.write(body.encode())
