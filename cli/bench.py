@@ -71,6 +71,13 @@ def run(
     density: Annotated[int, typer.Option(help="One camera for this many square metres of floor: 100 or 200.")] = 100,
     views: Annotated[str, typer.Option(help="Views of a camera: panoramic (360 degrees) or half (180).")] = "panoramic",
     camera_depth: CameraDepth = "sensor",
+    language_model: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME",
+            help="The model that the policy llm asks, as the server at SURVEILNAV_LLM__URL knows it.",
+        ),
+    ] = "",
     max_steps: Annotated[int, typer.Option(min=1, max=5000)] = 500,
     seed: Annotated[int, typer.Option(min=0)] = 0,
     per_scene: PerScene = None,
@@ -99,6 +106,7 @@ def run(
         density_m2=density,
         views=views,  # type: ignore[arg-type]
         camera_depth=camera_depth,  # type: ignore[arg-type]
+        language_model=language_model,
         max_steps=max_steps,
         seed=seed,
     )
@@ -141,6 +149,8 @@ def _print_outcome(finished: Finished, folder: Path, seconds: float, as_json: bo
         f"{s.episodes} of {s.episodes + finished.missing} episodes: SR {s.sr}, SPL {s.spl}, SoftSPL {s.soft_spl}"
     )
     console.print("  " + ", ".join(f"{k} {v}" for k, v in s.reasons.items()))
+    if finished.cost:
+        console.print(f"  language model: {finished.cost}")
     console.print(f"  success: {SUCCESS_RULE}; records in {folder}")
 
 
@@ -159,6 +169,8 @@ def _say_faults(finished: Finished) -> None:
 
 def _numbers(finished: Finished, folder: Path, seconds: float) -> dict[str, Any]:
     """A run as one object."""
+    import msgspec
+
     from surveilnav.benchmark.runner.summary import SUCCESS_RULE, summarise
 
     s = summarise(finished.records)
@@ -176,6 +188,7 @@ def _numbers(finished: Finished, folder: Path, seconds: float) -> dict[str, Any]
         "episode_seconds": round(sum(r.seconds for r in finished.records), 1),
         "reasons": s.reasons,
         "out": str(folder),
+        **({"language_model": msgspec.to_builtins(finished.cost)} if finished.cost else {}),
     }
 
 

@@ -19,6 +19,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from pydantic_settings import BaseSettings
 
+from surveilnav.benchmark.policies.language_model import LanguageModelSettings
 from surveilnav.bus import BusSettings
 from surveilnav.pictures import PictureSettings
 from surveilnav.services.camera_node.config import CameraSettings
@@ -120,6 +121,7 @@ SECTIONS = (
     Section("Planner", "services/planner/config.py", PlannerSettings),
     Section("Gateway", "services/gateway/config.py", GatewaySettings),
     Section("Recorder", "services/recorder/config.py", RecorderSettings),
+    Section("The benchmark's policy llm", "benchmark/policies/language_model.py", LanguageModelSettings),
 )
 
 

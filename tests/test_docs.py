@@ -210,7 +210,7 @@ def test_every_setting_is_described():
 
 
 def test_no_settings_class_is_missing_from_the_page():
-    files = [p for folder in ("shared", "services", "simulator") for p in (ROOT / folder).rglob("*.py")]
+    files = [p for folder in ("shared", "services", "simulator", "benchmark") for p in (ROOT / folder).rglob("*.py")]
     prefixes = {prefix for path in files for prefix in re.findall(r'env_prefix="(\w+)"', path.read_text())}
     assert prefixes == {str(section.settings.model_config["env_prefix"]) for section in settings_page.SECTIONS}
 

@@ -88,3 +88,10 @@ APEXNAV = Policy(
     lambda task: MissionPolicy(task, CONFIG, rate),
     FusionConfig(),
 )
+#: Its rule alone, as for VLFM.
+APEXNAV_VERIFIED = Policy(
+    "apexnav-verified",
+    "ApexNav's choice of frontiers (https://arxiv.org/abs/2504.14478) with our verification",
+    lambda task: MissionPolicy(task, PlannerConfig(), rate),
+    FusionConfig(),
+)

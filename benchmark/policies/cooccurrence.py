@@ -1,4 +1,4 @@
-"""How often classes of objects share a room: what stands in for L3MVN's language model.
+"""How often classes of objects share a room: what stands in for the language models of L3MVN, ESC and VoroNav.
 
     python -m surveilnav.benchmark.policies.cooccurrence
 
@@ -56,6 +56,22 @@ class Cooccurrence:
 
         weights = {label: math.exp(log_joint(label)) for label in TARGETS}
         return weights.get(target, 0.0) / sum(weights.values())
+
+    def chance(self, target: str, near: Iterable[str]) -> float:
+        """The chance that a room with ``near`` in it has the target, too, 0-1.
+
+        Naive Bayes over rooms with and without the target, with one imagined room more on either side; classes never counted say
+        nothing. 0 for a target that was never counted.
+        """
+        n = self.rooms.get(target, 0)
+        if n == 0:
+            return 0.0
+        log_odds = math.log((n + 1) / (self.n_rooms - n + 1))
+        for label in sorted(set(near) & set(self.rooms)):
+            both = n if label == target else self.both.get((target, label), 0)
+            log_odds += math.log((both + 1) / (n + 2))
+            log_odds -= math.log((self.rooms[label] - both + 1) / (self.n_rooms - n + 2))
+        return 1.0 / (1.0 + math.exp(-log_odds))
 
     def to_json(self) -> str:
         """As committed: readable, always the same."""

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
+from surveilnav.benchmark.policies.language_model import LanguageModel
 from surveilnav.services.fusion.core import FusionConfig
 from surveilnav.services.planner.core import Decision, FloorMaps, RobotView
 from surveilnav.services.planner.core.motion.drive import LocalPlanner
@@ -26,8 +27,9 @@ class Task:
     """What a searcher is told when an episode begins.
 
     ``seed``: this episode's, the only source of chance. ``driver``: drives to goal cells (fmm or sp). ``truth``: None
-    unless the policy ``needs_truth``. ``goal_on_floor``: it begins on a floor with a goal, which everybody may know.
-    ``planning``: settings of the planner's core to change, for policies made of it.
+    unless the policy ``needs_truth``. ``language_model``: None unless it ``needs_language_model``. ``goal_on_floor``: it
+    begins on a floor with a goal, which everybody may know. ``planning``: settings of the planner's core to change, for
+    policies made of it.
     """
 
     target: str
@@ -35,6 +37,7 @@ class Task:
     max_steps: int
     driver: LocalPlanner
     truth: Truth | None = None
+    language_model: LanguageModel | None = None
     goal_on_floor: bool = False
     planning: Mapping[str, Any] = field(default_factory=dict)
 
@@ -65,6 +68,7 @@ class Policy:
         begin: a fresh searcher for an episode.
         fusion: the joint maps' settings that it is defined with.
         needs_truth: it is no method but a bound: it sees the ``Truth``.
+        needs_language_model: it asks one, so a server has to be named.
     """
 
     name: str
@@ -72,3 +76,4 @@ class Policy:
     begin: Callable[[Task], Searcher]
     fusion: FusionConfig
     needs_truth: bool = False
+    needs_language_model: bool = False

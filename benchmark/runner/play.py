@@ -13,6 +13,8 @@ from surveilnav.benchmark.dataset.build import open_scene
 from surveilnav.benchmark.dataset.format import HabitatEpisode
 from surveilnav.benchmark.dataset.load import SceneData, load_scene, start_of
 from surveilnav.benchmark.play.episode import EpisodeResult, FusedCameras, OnStep
+from surveilnav.benchmark.policies import LanguageModel, policy_of
+from surveilnav.benchmark.policies.language_model import LanguageModelSettings
 from surveilnav.benchmark.runner.basis import Basis
 from surveilnav.benchmark.runner.records import Broken, Records
 from surveilnav.benchmark.runner.row import EpisodeRecord
@@ -28,9 +30,11 @@ from surveilnav.simulator.world.scene import Scene
 class ScenePlayer:
     """One scene of a run, open."""
 
-    def __init__(self, root: Path, scene: str, settings: RunSettings) -> None:
-        """ConfigError and what opening a building may raise."""
-        self._settings = settings
+    def __init__(
+        self, root: Path, scene: str, settings: RunSettings, language_model: LanguageModel | None = None
+    ) -> None:
+        """ConfigError and what opening a building may raise. ``language_model``: for a policy that needs one."""
+        self._settings, self._language_model = settings, language_model
         self._data: SceneData = load_scene(root, settings.split, scene)
         networks: dict[str, Any] = {}
         if settings.detectors:
@@ -84,6 +88,7 @@ class ScenePlayer:
             goal_on_floor=True,  # Habitat's rule, and the dataset's
             fused=self._fused,
             on_step=on_step,
+            language_model=self._language_model,
         )
         floor_z_m = building.navigation.floors[start.floor].z_m
         known = self._fused.chance_at_goal(goals, floor_z_m) if s.surveillance else None
@@ -133,7 +138,9 @@ def play_scene(
         SurveilNavError: the scene can't be opened, or records can't be kept.
     """
     records = Records(out, settings, basis)
-    player = ScenePlayer(root, scene, settings)
+    asks = policy_of(settings.policy).needs_language_model
+    model = LanguageModel(settings.language_model, LanguageModelSettings.of_environment(), out) if asks else None
+    player = ScenePlayer(root, scene, settings, model)
     for episode in player.episodes:
         if episode.episode_id not in wanted:
             continue

@@ -11,6 +11,8 @@ from pathlib import Path
 from surveilnav.benchmark.canary import digest
 from surveilnav.benchmark.dataset.load import load_scene, scenes_of
 from surveilnav.benchmark.play.workers import in_workers
+from surveilnav.benchmark.policies import policy_of
+from surveilnav.benchmark.policies.language_model import Cost, kept_questions
 from surveilnav.benchmark.runner.basis import Basis, basis_of
 from surveilnav.benchmark.runner.play import parent_lives, play_scene
 from surveilnav.benchmark.runner.records import Broken, Records
@@ -32,13 +34,15 @@ class Progress:
 @dataclass(frozen=True, slots=True)
 class Finished:
     """What a run came to. ``unopened``: scenes that couldn't be opened or kept, with why; ``missing``: how many of the
-    episodes that were asked for aren't there; ``mended``: episodes that were there, but couldn't be read."""
+    episodes that were asked for aren't there; ``mended``: episodes that were there, but couldn't be read; ``cost``: of the
+    language model, if the policy asks one."""
 
     records: list[EpisodeRecord]
     broken: list[Broken]
     unopened: dict[str, str]
     missing: int
     mended: tuple[tuple[str, str], ...] = ()
+    cost: Cost | None = None
 
     @property
     def complete(self) -> bool:
@@ -83,7 +87,8 @@ def run(
     records.sort()
     played = records.all()
     missing = len(asked - {record.key for record in played})
-    return Finished(played, records.broken(), dict(sorted(unopened.items())), missing, mended)
+    cost = Cost.of(kept_questions(out)) if policy_of(settings.policy).needs_language_model else None
+    return Finished(played, records.broken(), dict(sorted(unopened.items())), missing, mended, cost)
 
 
 def some_of(scene: str, ids: list[str], n: int) -> list[str]:

@@ -8,7 +8,7 @@ from surveilnav.benchmark.play.cameras import Cameras
 from surveilnav.benchmark.play.episode import Episode, EpisodeResult, FusedCameras, OnStep
 from surveilnav.benchmark.play.shortest_path import ShortestPathPlanner
 from surveilnav.benchmark.play.sight import NOT_MEASURED, PoseError, Sight, ViewBytes
-from surveilnav.benchmark.policies import Task, Truth, policy_of
+from surveilnav.benchmark.policies import LanguageModel, Task, Truth, policy_of
 from surveilnav.benchmark.runner.settings import RunSettings
 from surveilnav.camera_plan import CameraPlan
 from surveilnav.perception.backend import Backend
@@ -56,6 +56,7 @@ def search(
     cameras: Cameras | None = None,
     on_step: OnStep | None = None,
     fusion: FusionConfig | None = None,
+    language_model: LanguageModel | None = None,
 ) -> EpisodeResult:
     """Plays a search for ``goals.label`` from ``start``, the same whenever it is played.
 
@@ -65,6 +66,7 @@ def search(
         goal_on_floor: it begins on a floor with a goal, and the searcher is told so.
         fused, cameras, on_step: see ``Episode``.
         fusion: settings of the joint maps; None: those of ``settings``.
+        language_model: for a policy that needs one.
     """
     policy, navigation = policy_of(settings.policy), sight.building.navigation
     task = Task(
@@ -73,6 +75,7 @@ def search(
         settings.max_steps,
         _driver(settings, navigation),
         Truth(goals, navigation) if policy.needs_truth else None,
+        language_model,
         goal_on_floor=goal_on_floor,
         planning={"drive": settings.drive, **settings.planning},
     )

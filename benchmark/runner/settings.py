@@ -12,6 +12,7 @@ from pydantic import ValidationError
 from surveilnav.benchmark.play.motion import Drive, LocalisationError
 from surveilnav.benchmark.play.sight import CameraDepth, Views
 from surveilnav.benchmark.policies import policy_of
+from surveilnav.benchmark.policies.language_model import LanguageModelSettings
 from surveilnav.errors import ConfigError
 from surveilnav.perception.models import COCO_DETECTORS
 from surveilnav.services.fusion.core import FusionConfig
@@ -41,6 +42,7 @@ class RunSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
             depth; ``estimate-5``, ``estimate-15``: estimated, with an error of so many percent (``play.depth_error``).
         camera_error_m, camera_error_deg: how wrong each camera is about where it hangs and looks.
         detectors: the weights of ``onnx-coco``; empty: its own choice.
+        language_model: the name of the model that a policy asks, as its server knows it; where that is, the environment says.
         fusion, planning: settings of the joint maps and of the planner's core to change, by name.
     """
 
@@ -64,12 +66,13 @@ class RunSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     camera_error_m: float = 0.0
     camera_error_deg: float = 0.0
     detectors: list[str] = []
+    language_model: str = ""
     fusion: dict[str, Any] = {}
     planning: dict[str, Any] = {}
 
     def check(self) -> None:
         """ConfigError: a name or value that can't be; the message lists what can."""
-        policy_of(self.policy)
+        self._check_language_model()
         _expect("planner", self.planner, get_args(Planner))
         _expect("views", self.views, get_args(Views))
         _expect("drive", self.drive, get_args(Drive))
@@ -95,6 +98,20 @@ class RunSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
             PlannerConfig(**self.planning)
         except ValidationError as error:
             raise ConfigError(f"these settings of the planner can't be: {error}") from error
+
+    def _check_language_model(self) -> None:
+        if not policy_of(self.policy).needs_language_model:
+            if self.language_model:
+                raise ConfigError(
+                    f"the policy {self.policy!r} asks no language model: leave out {self.language_model!r}"
+                )
+            return
+        if not self.language_model:
+            raise ConfigError(
+                f"the policy {self.policy!r} asks a language model: say which by --language-model, with the name that its "
+                "server has for it"
+            )
+        LanguageModelSettings.of_environment()
 
     def localisation_error(self) -> LocalisationError:
         """ConfigError: an error that doesn't exist, or on a robot of actions, which knows where it is."""

@@ -102,7 +102,7 @@ def _comparison(table: Table, rows: Sequence[TableRow], total: int) -> list[str]
     with_paper = any(arm.paper for arm in table.arms)
     columns = ["", "episodes", "SR", "SPL", "SoftSPL", "SR difference", "SPL difference", "first's SPL / its"]
     columns += [f"SR at {m:g} m" for m in WITHIN_M] + ["steps", "path [m]"]
-    columns += [f"{tier} [MB]" for tier in tiers] + ["paper: SR / SPL"] * with_paper
+    columns += [f"{tier} [MB]" for tier in tiers] + ["paper, on another dataset: SR / SPL"] * with_paper
     text = ["| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]
     for row in rows:
         arm, s = row.arm, row.summary

@@ -157,7 +157,8 @@ def test_check_names_faults_and_says_so_by_its_exit(root, tmp_path):
                     "ours, without surveillance, SP",
                     "VLFM's rule",
                     "VLFM's rule, our verification",
-                ]
+                ],
+                "rules": ["VLFM's rule", "VLFM's rule, our verification"],
             },
         ),
     ],

@@ -36,6 +36,15 @@ class Home:
         return sample_start(self.scene, self.navigation, goals, seed=seed, caster=self.caster)
 
 
+class Model:
+    """In place of a language model on a server: the nearest place has the highest score."""
+
+    def ask(self, system, text, parse):
+        """See ``LanguageModel``."""
+        n = len(text.splitlines()) - 2
+        return parse(str([1.0 - i / n for i in range(n)]))
+
+
 class Search:
     """One episode. ``value(x, y)`` paints the value map."""
 
@@ -46,7 +55,8 @@ class Search:
         self.explored = {n: np.zeros(f.grid.shape, bool) for n, f in home.navigation.floors.items()}
         self.value, self.known = value, {}
         truth = Truth(goals, home.navigation) if policy.needs_truth else None
-        self.searcher = policy.begin(Task(goals.label, seed, max_steps, FmmPlanner(), truth))
+        model = Model() if policy.needs_language_model else None
+        self.searcher = policy.begin(Task(goals.label, seed, max_steps, FmmPlanner(), truth, model))
         self.actions, self.last = [], None
 
     def look(self):

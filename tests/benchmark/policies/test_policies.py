@@ -25,11 +25,11 @@ def test_names_and_lines():
     for name, policy in POLICIES.items():
         assert policy.name == name
         assert "\n" not in policy.about
-    for name in ("surveilnav-paper", "frontier", "vlfm", "l3mvn", "apexnav"):
+    for name in ("surveilnav-paper", "frontier", "cow", "vlfm", "l3mvn", "esc", "apexnav"):
         assert "https://" in POLICIES[name].about or "arXiv" in POLICIES[name].about
 
 
-@pytest.mark.parametrize("name", ["vlfm", "l3mvn"])
+@pytest.mark.parametrize("name", ["cow", "vlfm", "l3mvn", "esc"])
 def test_the_rule_alone_differs_in_belief_only(name):
     """What is believed: one sure detection, or as ours. The maps are the same otherwise."""
     as_written, verified = POLICIES[name].fusion, POLICIES[f"{name}-verified"].fusion
@@ -41,6 +41,16 @@ def test_the_rule_alone_differs_in_belief_only(name):
     )
     assert verified.objects == POLICIES["surveilnav"].fusion.objects
     assert (verified.map, verified.value) == (as_written.map, as_written.value)
+
+
+@pytest.mark.parametrize("name", [name for name in POLICIES if name.endswith("-verified")])
+def test_with_our_verification_all_but_the_rule_is_ours(name):
+    """Otherwise a table compares more than rules: how objects are weighed against exploring, and when they are believed."""
+    task = Task("bed", 0, 500, FmmPlanner())
+    rule, ours = POLICIES[name].begin(task), POLICIES["surveilnav"].begin(task)
+    assert rule._rule is not ours._rule
+    assert rule._config.changed(value_radius_m=ours._config.value_radius_m) == ours._config
+    assert POLICIES[name].fusion.objects == POLICIES["surveilnav"].fusion.objects
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,18 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from surveilnav.benchmark.policies import POLICIES, Task, Truth, apexnav, cooccurrence, l3mvn, perfect_frontiers, vlfm
+from surveilnav.benchmark.policies import (
+    POLICIES,
+    Task,
+    Truth,
+    apexnav,
+    cooccurrence,
+    cow,
+    esc,
+    l3mvn,
+    perfect_frontiers,
+    vlfm,
+)
 from surveilnav.benchmark.policies.cooccurrence import Cooccurrence, count_train, of_train
 from surveilnav.benchmark.policies.perfect_frontiers import PerfectFrontierRule
 from surveilnav.errors import AssetError
@@ -43,6 +54,24 @@ def thing(label, x_m, y_m, status="candidate"):
         sources=[],
         reason="",
     )
+
+
+def context_of(found, target="toilet", things=(), heading_for=None, floor="0", step=0):
+    """What rules ask of a step's context."""
+    waypoint = heading_for and SimpleNamespace(kind="frontier", x_m=heading_for[0], y_m=heading_for[1])
+    return SimpleNamespace(
+        config=PlannerConfig(),
+        frontiers=found,
+        maps=SimpleNamespace(objects=list(things)),
+        robot=SimpleNamespace(x_m=0.0, y_m=0.0, yaw_rad=0.0, floor=floor),
+        state=SimpleNamespace(target=target, waypoint=waypoint, step=step),
+    )
+
+
+def chosen_of(rated):
+    """The only one that is worth going to."""
+    (chosen,) = [r.frontier for r in rated if r.utility > 0.0]
+    return chosen
 
 
 # --- VLFM ---------------------------------------------------------------------------------------------------------
@@ -167,6 +196,85 @@ def test_counts_survive_the_file(tmp_path, monkeypatch):
         assert of_train() == KNOWN
     finally:
         of_train.cache_clear()
+
+
+@pytest.mark.parametrize(
+    ("target", "near", "low", "high"),
+    [
+        ("toilet", ["sink"], 0.73, 0.75),  # 8 of the 10 rooms with a sink
+        ("toilet", ["sink", "oven"], 0.64, 0.67),  # never one with an oven
+        ("toilet", ["bed"], 0.0, 0.2),
+        ("toilet", [], 0.3, 0.33),  # 8 of 26 rooms
+        ("toilet", ["zebra"], 0.3, 0.33),
+        ("toilet", ["toilet"], 0.89, 0.91),
+        ("zebra", ["sink"], 0.0, 0.0),
+    ],
+)
+def test_the_chance_that_a_room_has_the_target(target, near, low, high):
+    assert low <= KNOWN.chance(target, near) <= high
+
+
+# --- CLIP on Wheels -----------------------------------------------------------------------------------------------
+
+
+def test_cow_goes_to_the_nearest_whatever_it_hides():
+    found = [frontier(3.0, 0.9, n_cells=90), frontier(2.0, 0.1, n_cells=8), frontier(2.5)]
+    assert chosen_of(cow.rate(context_of(found), found)) is found[1]
+    assert cow.rate(context_of([]), []) == []
+
+
+# --- ESC ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("likely", "near", "adds"),
+    [
+        (1.0, 1.0, 1.0),
+        (0.0, 1.0, -1.0),
+        (0.5, 1.0, 0.0),
+        (0.8, 0.5, 0.3),
+        (0.1, 0.5, -0.4),
+        (0.6, 0.5, 0.1),
+        (0.7, 0.0, 0.0),
+    ],
+)
+def test_soft_constraints(likely, near, adds):
+    assert esc.constraint(likely, near) == pytest.approx(adds)
+
+
+@pytest.mark.parametrize(("way_m", "shortness"), [(0.5, 1.0), (1.6, 1.0), (6.6, 0.5), (11.6, 0.0), (50.0, 0.0)])
+def test_shortness(way_m, shortness):
+    assert esc.shortness(way_m) == pytest.approx(shortness)
+
+
+@pytest.mark.parametrize(
+    ("target", "things", "x_m"),
+    [
+        ("toilet", [], 0.0),  # the shorter way
+        ("toilet", [thing("sink", 11.0, 0.0)], 10.0),  # an object and its room
+        ("toilet", [thing("sink", 12.5, 0.0)], 10.0),  # the room alone
+        ("toilet", [thing("sink", 13.5, 0.0)], 0.0),  # too far away to be of the room
+        ("toilet", [thing("sink", 11.0, 0.0, "rejected")], 0.0),
+        ("toilet", [thing("bed", 1.0, 0.0)], 10.0),  # what speaks against the near one
+        ("zebra", [thing("bed", 1.0, 0.0)], 0.0),  # nothing is known of zebras
+    ],
+)
+def test_esc_weighs_what_is_near_against_the_way(target, things, x_m):
+    found = [frontier(2.0, x_m=0.0), frontier(4.0, x_m=10.0)]
+    scored = esc.scored_frontiers(found, things, target, KNOWN)
+    assert max(scored, key=lambda f: f.score).x_m == x_m
+
+
+def test_esc_leaves_out_what_is_too_near():
+    found = [frontier(1.5), frontier(9.0)]
+    assert [f.travel_time_m for f in esc.scored_frontiers(found, [], "toilet", KNOWN)] == [9.0]
+    assert len(esc.scored_frontiers(found[:1], [], "toilet", KNOWN)) == 1
+
+
+def test_esc_keeps_its_goal_until_it_is_explored():
+    found = [frontier(2.0, x_m=0.0), frontier(4.0, x_m=10.0)]
+    assert chosen_of(esc.rate(context_of(found), found)).x_m == 0.0
+    assert chosen_of(esc.rate(context_of(found, heading_for=(10.2, 0.0)), found)).x_m == 10.0
 
 
 # --- on maps ------------------------------------------------------------------------------------------------------

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -20,6 +21,7 @@ from surveilnav.benchmark.play.approach import NEAR_M
 from surveilnav.benchmark.play.episode import REASONS, Episode, FusedCameras
 from surveilnav.benchmark.play.sight import Sight
 from surveilnav.benchmark.policies import policy_of
+from surveilnav.benchmark.policies.language_model import ANSWERS_FILE
 from surveilnav.benchmark.runner import play
 from surveilnav.benchmark.runner.basis import basis_of
 from surveilnav.benchmark.runner.play import ScenePlayer
@@ -290,3 +292,29 @@ def test_an_oracle_on_the_cameras_needs_cameras():
         RunSettings(camera_perception="oracle", surveillance=False).check()
     with pytest.raises(ConfigError, match=r"camera_perception is one of , oracle, got 'compact'"):
         RunSettings(camera_perception="compact").check()
+
+
+def test_a_run_that_asks_a_language_model_says_what_it_cost(dataset, tmp_path, server, monkeypatch):
+    """Played again in another folder with the same answers, it takes the same steps and asks nothing."""
+    monkeypatch.setenv("SURVEILNAV_LLM__URL", server.url)
+
+    def answer(asked):
+        n = len(asked["messages"][1]["content"].splitlines()) - 2
+        scores = [i / n for i in range(n)]  # the farthest
+        usage = {"prompt_tokens": 100, "completion_tokens": 10}
+        return json.dumps({"choices": [{"message": {"content": json.dumps({"scores": scores})}}], "usage": usage})
+
+    server.body = answer
+    settings = msgspec.structs.replace(SETTINGS, policy="llm", language_model="tiny", surveillance=False)
+    finished = run(dataset, tmp_path / "run", settings, workers=1)
+    assert finished.complete
+    n = len(server.asked)
+    assert 0 < n == finished.cost.asked
+    assert (finished.cost.prompt_tokens, finished.cost.completion_tokens, finished.cost.failed) == (100 * n, 10 * n, {})
+    (tmp_path / "again").mkdir()
+    shutil.copy(tmp_path / "run" / ANSWERS_FILE, tmp_path / "again")
+    again = run(dataset, tmp_path / "again", settings, workers=1)
+    assert _plain(again.records) == _plain(finished.records)
+    assert len(server.asked) == n
+    assert again.cost.asked == n
+    assert again.cost.cached >= n

@@ -377,7 +377,7 @@ def test_bytes_are_listed_by_tier():
     text = page(
         TABLE, [TableRow.from_records(ARMS[0], [both]), TableRow.from_records(ARMS[1], [FAILED])], 1, MODELS, BASIS
     )
-    assert "| path [m] | jpeg+depth [MB] | summaries [MB] | paper: SR / SPL |" in text
+    assert "| path [m] | jpeg+depth [MB] | summaries [MB] | paper, on another dataset: SR / SPL |" in text
     assert "| 4.0 | 31.7 | 0.0007 | 67.4 / 34.5 |" in text
     assert "| 4.0 | 0 | 0 |  |" in text
 

@@ -169,6 +169,26 @@ def test_a_rule_that_chooses_one_frontier_has_it_compared_with_objects(world, ma
     assert choose(context_of(w, state, rule=farthest, objects=[near])).chosen.record == near
 
 
+@pytest.mark.parametrize("choice", ["utility", "sequence", "paper"])
+def test_a_rule_that_leaves_the_frontier_where_the_robot_is_heading_is_obeyed(world, choice):
+    """No hysteresis keeps the robot on its way to a nearer frontier: a rule under test is played as it is."""
+
+    def chooses(x_m):
+        def rule(context, found):
+            return only(context, min(found, key=lambda f: abs(f.x_m - x_m)), found, "told")
+
+        return rule
+
+    w = world(ROOMS)
+    config, state = CONFIG.changed(choice=choice), MissionState("chair", floor="0")
+    found = choose(context_of(w, state, config=config)).compared
+    ends = min(o.x_m for o in found), max(o.x_m for o in found)
+    for heading_for, told in (ends, ends[::-1]):
+        at = next(o for o in found if o.x_m == heading_for)
+        state.waypoint = CurrentWaypoint("frontier", at.x_m, at.y_m, None, 0)
+        assert choose(context_of(w, state, config=config, rule=chooses(told))).chosen.x_m == told
+
+
 def test_every_kind_of_option_has_a_behaviour():
     from surveilnav.services.planner.core.options.option import OptionKind
     from surveilnav.services.planner.core.step import BEHAVIOURS
