@@ -607,3 +607,26 @@ def test_the_last_resort_may_stand_where_nobody_has_looked(make_record):
 def test_an_object_of_another_name_is_said_with_the_chance_that_sends_the_robot_there(make_record, facts, said):
     context = SimpleNamespace(state=SimpleNamespace(target="tv"))
     assert _describe(context, make_record(id=15, **facts)) == said
+
+
+@pytest.mark.parametrize(("max_look_places", "n_places"), [(1, 1), (2, 2)])
+def test_what_only_cameras_saw_is_looked_at_from_several_places(world, thing, max_look_places, n_places):
+    """The robot may have stood where it can't see the object: it goes to another place before it believes the cameras."""
+    w = world(HALL, {"C": thing("chair", known={"label": "chair", "confidence": 0.97})})
+    looked_from = []
+
+    def watch(maps, robot, state, decision):
+        if "again, 1 of" in decision.message:
+            looked_from.append((robot.x_m, robot.y_m))
+
+    _, last = w.run(max_steps=120, watch=watch, config=CONFIG.changed(max_look_places=max_look_places))
+    assert last.found
+    assert len(looked_from) == n_places
+    assert all(math.dist(a, b) >= 0.4 for a, b in itertools.combinations(looked_from, 2))
+
+
+def test_what_the_robot_saw_itself_needs_no_second_place(make_record, world, thing):
+    w = world(HALL, {"C": thing("chair", looks_like="chair", known={"label": "chair", "confidence": 0.97})})
+    w.run(
+        max_steps=120, watch=lambda m, r, state, d: state.here.looked_from and pytest.fail(str(state.here.looked_from))
+    )
