@@ -28,8 +28,8 @@ _WORTH_DETOUR_M = 0.75
 #: Points lower than this above the floor belong to the floor, if at least this share of an object's points is higher.
 _FLOOR_M = 0.10
 _ABOVE_FLOOR_SHARE = 0.5
-#: Where the robot looked in vain from a place, it doesn't stand within this distance of it again.
-_ELSEWHERE_M = 0.5
+#: Another place to look from lies in a direction from the object that differs by at least this from those tried.
+_ELSEWHERE_RAD = math.radians(45)
 #: Where no sight line is known, the robot has to stand this near.
 _WITHOUT_SIGHT_M = 1.0
 
@@ -83,7 +83,7 @@ def goal_region(
     if (here := window.cell(terrain.cell(robot.x_m, robot.y_m))) is not None:
         near[here] = distance_m[here] <= config.inspect_m and (not looked_from or bool(reachable[here]))
     sight = _sight_lines(around, record, near, floor_z_m)
-    for option in _ground_options(window, sight, config):
+    for option in _ground_options(window, sight, config, anywhere=not looked_from):
         regions = [(d, option.ground & reachable & (distance_m <= d)) for d in option.distances_m]
         times_m = [float(time_m[goals].min(initial=math.inf)) for _, goals in regions]
         for (nearest_m, goals), least_m in zip(regions, times_m, strict=True):
@@ -218,8 +218,10 @@ class _GroundOption(NamedTuple):
     ground: NDArray[np.bool_]
 
 
-def _ground_options(window: _Window, sight: _SightLines, config: PlannerConfig) -> tuple[_GroundOption, ...]:
-    """Where the robot may stand, best first.
+def _ground_options(
+    window: _Window, sight: _SightLines, config: PlannerConfig, *, anywhere: bool
+) -> tuple[_GroundOption, ...]:
+    """Where the robot may stand, best first. If not ``anywhere`` near the object, it needn't be as near as it could be.
 
     1. Known ground with sight of the object, where the robot fits.
     2. The same, with only the furniture in between that the object stands on.
@@ -231,7 +233,7 @@ def _ground_options(window: _Window, sight: _SightLines, config: PlannerConfig) 
     known, clearance_m = window.terrain.known[window.slices], window.terrain.clearance_m[window.slices]
     fits = clearance_m >= config.robot_radius_m
     almost_fits = clearance_m >= config.robot_radius_m - window.terrain.grid.resolution_m
-    distances_m = config.standoff_m, config.stop_m, _CLOSE_M
+    distances_m = (config.standoff_m, config.stop_m, _CLOSE_M) if anywhere else (_CLOSE_M,)
     return (
         _GroundOption(distances_m, sight.preferred & known & fits),
         _GroundOption(distances_m, sight.over_furniture & known & fits),
@@ -251,22 +253,28 @@ def _was_seen_from_one_side(record: ObjectRecord) -> bool:
 
 
 def _elsewhere(window: _Window, record: ObjectRecord, looked_from: Sequence[tuple[float, float]]) -> NDArray[np.bool_]:
-    """The cells (bool of the window's shape) away from where the robot looked in vain, on the side from which others saw it."""
-    away = np.ones(window.terrain.grid.shape, dtype=bool)
-    for x_m, y_m in looked_from:
-        away &= ~window.terrain.disc(x_m, y_m, _ELSEWHERE_M)
-    there = away[window.slices]
-    return there & _on_the_side_seen(window, record) if _was_seen_from_one_side(record) else there
+    """The cells (bool of the window's shape) in other directions than those looked from in vain, on the side that was seen."""
+    x_m, y_m = _offsets_m(window, record)
+    bearing_rad = np.arctan2(y_m, x_m)
+    there = _on_the_side_seen(window, record) if _was_seen_from_one_side(record) else np.ones(window.shape, dtype=bool)
+    for at in looked_from:
+        tried_rad = math.atan2(at[1] - record.center_m[1], at[0] - record.center_m[0])
+        there &= np.cos(bearing_rad - tried_rad) <= math.cos(_ELSEWHERE_RAD)
+    return there
 
 
 def _on_the_side_seen(window: _Window, record: ObjectRecord) -> NDArray[np.bool_]:
     """The cells (bool of the window's shape) on the side of an object from which it was seen."""
-    x, y = record.seen_from
+    x_m, y_m = _offsets_m(window, record)
+    return np.asarray(x_m * record.seen_from[0] + y_m * record.seen_from[1] > 0.0)
+
+
+def _offsets_m(window: _Window, record: ObjectRecord) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
+    """x (1, cols) and y (rows, 1) [m] of a window's cells from the object's centre."""
     rows, cols = np.indices(window.shape, sparse=True)
     r, grid = window.terrain.grid.resolution_m, window.terrain.grid
-    along_x = (grid.origin_x_m + (cols + window.col0 + 0.5) * r - record.center_m[0]) * x
-    along_y = (grid.origin_y_m + (rows + window.row0 + 0.5) * r - record.center_m[1]) * y
-    return np.asarray(along_x + along_y > 0.0)
+    x_m = grid.origin_x_m + (cols + window.col0 + 0.5) * r - record.center_m[0]
+    return x_m, grid.origin_y_m + (rows + window.row0 + 0.5) * r - record.center_m[1]
 
 
 def _in_sight(around: _Surroundings, near: NDArray[np.bool_], furniture_m: float = 0.0) -> NDArray[np.bool_]:
