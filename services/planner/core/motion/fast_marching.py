@@ -45,23 +45,34 @@ def fast_march(
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _propagate(slowness, width, seeds, stop, margin):  # type: ignore[no-untyped-def]
+    """Times of accepted cells, inf elsewhere. A cell whose time falls gets a new entry in an earlier bucket; the entry that it
+    leaves behind is passed over later, once the cell is accepted, which is cheaper than taking it out of its list."""
     time = np.full(slowness.size, np.inf)
     done = np.full(slowness.size, np.inf)  # times of accepted cells only
-    after = np.empty(slowness.size, dtype=np.int32)  # doubly linked lists of the cells in each bucket
-    before = np.empty(slowness.size, dtype=np.int32)
-    n_buckets = math.ceil(_BUCKETS_PER_CELL * slowness.max()) + 3
-    first = np.full(n_buckets, _NONE, dtype=np.int32)
+    ahead, n_buckets = _BUCKETS_PER_CELL * slowness.max() + 3, 1
+    while n_buckets < ahead:  # a power of two, so that a mask stands for the remainder
+        n_buckets *= 2
+    mask = n_buckets - 1
+    first = np.full(n_buckets, _NONE, dtype=np.int32)  # of each bucket the entry added last
+    most = len(seeds) + 4 * slowness.size  # each of its neighbours lowers a cell's time at most once
+    cell_of, next_of = np.empty(most, dtype=np.int32), np.empty(most, dtype=np.int32)
+    used = 0
     for cell in seeds:
         time[cell] = 0.0
-        _push(first, after, before, cell, 0)
+        cell_of[used], next_of[used] = cell, first[0]
+        first[0] = used
+        used += 1
     waiting = len(seeds)
     bucket, limit = 0, np.inf
     while waiting > 0 and bucket <= limit:
-        cell = first[bucket % n_buckets]
-        if cell == _NONE:
+        entry = first[bucket & mask]
+        if entry == _NONE:
             bucket += 1
             continue
-        _remove(first, after, before, cell, bucket % n_buckets)
+        first[bucket & mask] = next_of[entry]
+        cell = cell_of[entry]
+        if done[cell] < np.inf:
+            continue
         done[cell] = time[cell]
         waiting -= 1
         if cell == stop:
@@ -83,31 +94,11 @@ def _propagate(slowness, width, seeds, stop, margin):  # type: ignore[no-untyped
             time[n] = new
             now = max(bucket, int(new * _BUCKETS_PER_CELL))
             if old < np.inf:
-                was = max(bucket, int(old * _BUCKETS_PER_CELL))
-                if now == was:
+                if now == max(bucket, int(old * _BUCKETS_PER_CELL)):
                     continue
-                _remove(first, after, before, n, was % n_buckets)
             else:
                 waiting += 1
-            _push(first, after, before, n, now % n_buckets)
+            cell_of[used], next_of[used] = n, first[now & mask]
+            first[now & mask] = used
+            used += 1
     return done
-
-
-@njit(cache=True, inline="always")  # type: ignore[untyped-decorator]
-def _push(first, after, before, cell, slot):  # type: ignore[no-untyped-def]
-    head = first[slot]
-    after[cell], before[cell] = head, _NONE
-    if head != _NONE:
-        before[head] = cell
-    first[slot] = cell
-
-
-@njit(cache=True, inline="always")  # type: ignore[untyped-decorator]
-def _remove(first, after, before, cell, slot):  # type: ignore[no-untyped-def]
-    prior, later = before[cell], after[cell]
-    if prior == _NONE:
-        first[slot] = later
-    else:
-        after[prior] = later
-    if later != _NONE:
-        before[later] = prior
