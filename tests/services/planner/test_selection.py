@@ -559,6 +559,7 @@ def test_the_likeliest_that_a_way_leads_to_is_the_last_resort(make_record):
         state.blacklist_place(7.0, 1.0, CONFIG)
     assert accept() == 3, "what was given up for good makes room for the next"
     m.objects.remove(third)
+    context = context.anew(state)
     assert accept() is None, "it was merged into another"
     assert accepted_object(context) == []
 

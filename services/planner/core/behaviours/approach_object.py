@@ -10,7 +10,7 @@ from surveilnav.services.planner.core.behaviours.follow_route import follow_rout
 from surveilnav.services.planner.core.context import StepContext
 from surveilnav.services.planner.core.decision import Decision
 from surveilnav.services.planner.core.goals import objects
-from surveilnav.services.planner.core.goals.goal_region import GoalRegion, goal_region
+from surveilnav.services.planner.core.goals.goal_region import GoalRegion
 from surveilnav.services.planner.core.goals.verification import Verification, is_likely_enough, verify
 from surveilnav.services.planner.core.motion.drive import bearing_error_rad, turn_towards
 from surveilnav.services.planner.core.options.option import Option
@@ -34,9 +34,7 @@ def approach_object(context: StepContext, option: Option) -> Decision | None:
     if verification == "contradicted":
         context.state.dismiss(record, f"the robot sees {record.label_robot or 'something else'}")
         return None
-    region = goal_region(
-        context.terrain, context.travel_time_m, record, context.robot, context.config, context.maps.floor_z_m
-    )
+    region = context.reach.goal_region(record)
     if region is None:
         if objects.is_confirmed(record, context.state.target):
             context.state.record_unreachable(record, context.area_at(*record.center_m[:2]))

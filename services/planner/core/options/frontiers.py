@@ -5,11 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from surveilnav.services.planner.core.context import RatedFrontier, StepContext
-from surveilnav.services.planner.core.goals.frontier_access import (
-    available_frontiers,
-    current_frontier,
-    split_by_access,
-)
+from surveilnav.services.planner.core.goals.frontier_access import available_frontiers, current_frontier
 from surveilnav.services.planner.core.goals.frontiers import Frontier, rank
 from surveilnav.services.planner.core.goals.stairs import path_to_floor_goal
 from surveilnav.services.planner.core.options.option import Option
@@ -19,7 +15,7 @@ def frontiers(context: StepContext) -> list[Option]:
     """The frontiers that can be reached without narrow gaps. A robot on its way to another floor doesn't explore on the way."""
     if path_to_floor_goal(context) is not None:
         return []
-    return _options(context, split_by_access(context)[0])
+    return _options(context, context.frontiers_by_access[0])
 
 
 def constrained_frontiers(context: StepContext) -> list[Option]:
