@@ -8,10 +8,11 @@ That saves the heap, and costs far less accuracy than the first-order scheme its
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 _NONE = -1
 _BUCKETS_PER_CELL = 2.0
@@ -20,7 +21,7 @@ _BUCKETS_PER_CELL = 2.0
 def fast_march(
     speed: NDArray[np.float64],
     sources: NDArray[np.bool_],
-    stop_cell: tuple[int, int] | None = None,
+    stops: Sequence[ArrayLike] = (),
     margin: float = math.inf,
 ) -> NDArray[np.float64]:
     """Solves |grad T| = 1 / speed: the arrival times T of a front that starts at the sources.
@@ -28,7 +29,8 @@ def fast_march(
     Args:
         speed: (rows, cols) in [0, 1], 0 where nothing passes.
         sources: (rows, cols) bool; sources where nothing passes don't count.
-        stop_cell: (row, col) of a cell. The front stops ``margin`` after it reached this cell.
+        stops: places, each as the (row, col) of its cells (n, 2); at most 63. The front stops ``margin`` after it reached a cell of
+            every place. Without any it goes everywhere.
         margin: a time, in cells at speed 1.
 
     Returns:
@@ -38,13 +40,17 @@ def fast_march(
     slowness = np.zeros((rows + 2, cols + 2))  # an impassable rim saves checking for the edge
     np.divide(1.0, speed, out=slowness[1:-1, 1:-1], where=speed > 0.0)
     seeds = np.flatnonzero(np.pad(sources & (speed > 0.0), 1))
-    stop = -1 if stop_cell is None else (stop_cell[0] + 1) * (cols + 2) + stop_cell[1] + 1
-    time: NDArray[np.float64] = _propagate(slowness.ravel(), cols + 2, seeds, stop, margin)
+    places = np.zeros(slowness.shape, dtype=np.int64)  # a bit for each that a cell belongs to
+    for i, cells in enumerate(stops):
+        row, col = np.asarray(cells).T + 1
+        places[row, col] |= 1 << i
+    awaited = (1 << len(stops)) - 1
+    time: NDArray[np.float64] = _propagate(slowness.ravel(), cols + 2, seeds, places.ravel(), awaited, margin)
     return time.reshape(rows + 2, cols + 2)[1:-1, 1:-1]
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _propagate(slowness, width, seeds, stop, margin):  # type: ignore[no-untyped-def]
+def _propagate(slowness, width, seeds, places, awaited, margin):  # type: ignore[no-untyped-def]
     """Times of accepted cells, inf elsewhere. A cell whose time falls gets a new entry in an earlier bucket; the entry that it
     leaves behind is passed over later, once the cell is accepted, which is cheaper than taking it out of its list."""
     time = np.full(slowness.size, np.inf)
@@ -75,8 +81,10 @@ def _propagate(slowness, width, seeds, stop, margin):  # type: ignore[no-untyped
             continue
         done[cell] = time[cell]
         waiting -= 1
-        if cell == stop:
-            limit = (time[cell] + margin) * _BUCKETS_PER_CELL
+        if awaited & places[cell]:
+            awaited &= ~places[cell]
+            if awaited == 0:
+                limit = (time[cell] + margin) * _BUCKETS_PER_CELL
         for n in (cell - width, cell - 1, cell + 1, cell + width):
             slow = slowness[n]
             if slow == 0.0 or done[n] < np.inf:
