@@ -29,8 +29,8 @@ def fast_march(
     Args:
         speed: (rows, cols) in [0, 1], 0 where nothing passes.
         sources: (rows, cols) bool; sources where nothing passes don't count.
-        stops: places, each as the (row, col) of its cells (n, 2); at most 63. The front stops ``margin`` after it reached a cell of
-            every place. Without any it goes everywhere.
+        stops: places, each as the (row, col) of its cells (n, 2); at most 63. The front stops ``margin`` after it reached a cell
+            of every place. Without any it goes everywhere.
         margin: a time, in cells at speed 1.
 
     Returns:

@@ -270,7 +270,7 @@ def coarse_travel_time_m(terrain: Terrain, x_m: float, y_m: float) -> NDArray[np
 def travel_times_between_m(
     terrain: Terrain, places_m: Sequence[tuple[float, float]], within_m: float
 ) -> NDArray[np.float64]:
-    """(n, n) travel time [m] from each place (row) to within a distance of each other place, computed as ``coarse_travel_time_m``;
+    """(n, n) travel time [m] from each place (row) to within a distance of each other place, as ``coarse_travel_time_m`` says;
     ``UNREACHED`` where no way leads. At most 63 places."""
     speed, open_cells = _coarse_speed(terrain), _may_be_sent(terrain)
     near = []

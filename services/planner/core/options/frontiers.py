@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from surveilnav.services.planner.core.context import RatedFrontier, StepContext
 from surveilnav.services.planner.core.goals.frontier_access import available_frontiers, current_frontier
-from surveilnav.services.planner.core.goals.frontiers import Frontier, rank
+from surveilnav.services.planner.core.goals.frontiers import Frontier, exploring_cost_m, rank
 from surveilnav.services.planner.core.goals.stairs import path_to_floor_goal
 from surveilnav.services.planner.core.options.option import Option
 
@@ -41,7 +41,7 @@ def only(context: StepContext, chosen: Frontier, compared: Sequence[Frontier], w
     others are never chosen.
     """
     chance = context.config.explore_chance
-    worth = chance / (chosen.travel_time_m + context.config.explore_cost_m)
+    worth = chance / exploring_cost_m(chosen, context.config)
     return [RatedFrontier(f, chance, worth if f is chosen else 0.0, why) for f in compared]
 
 
@@ -58,7 +58,7 @@ def _option(context: StepContext, rated: RatedFrontier, *, is_current: bool) -> 
         f.x_m,
         f.y_m,
         rated.chance,
-        f.travel_time_m + context.config.explore_cost_m,
+        exploring_cost_m(f, context.config),
         rated.utility,
         f"{rated.why}, {f.travel_time_m:.1f} m",
         frontier=f,
