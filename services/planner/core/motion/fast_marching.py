@@ -29,7 +29,7 @@ def fast_march(
     Args:
         speed: (rows, cols) in [0, 1], 0 where nothing passes.
         sources: (rows, cols) bool; sources where nothing passes don't count.
-        stops: places, each as the (row, col) of its cells (n, 2); at most 63. The front stops ``margin`` after it reached a cell
+        stops: places, each as the (row, col) of its cells (n, 2); at most 16. The front stops ``margin`` after it reached a cell
             of every place. Without any it goes everywhere.
         margin: a time, in cells at speed 1.
 
@@ -40,7 +40,7 @@ def fast_march(
     slowness = np.zeros((rows + 2, cols + 2))  # an impassable rim saves checking for the edge
     np.divide(1.0, speed, out=slowness[1:-1, 1:-1], where=speed > 0.0)
     seeds = np.flatnonzero(np.pad(sources & (speed > 0.0), 1))
-    places = np.zeros(slowness.shape, dtype=np.int64)  # a bit for each that a cell belongs to
+    places = np.zeros(slowness.shape, dtype=np.uint16)  # a bit for each that a cell belongs to
     for i, cells in enumerate(stops):
         row, col = np.asarray(cells).T + 1
         places[row, col] |= 1 << i
@@ -81,7 +81,7 @@ def _propagate(slowness, width, seeds, places, awaited, margin):  # type: ignore
             continue
         done[cell] = time[cell]
         waiting -= 1
-        if awaited & places[cell]:
+        if awaited and awaited & places[cell]:
             awaited &= ~places[cell]
             if awaited == 0:
                 limit = (time[cell] + margin) * _BUCKETS_PER_CELL

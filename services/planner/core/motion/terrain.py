@@ -221,7 +221,7 @@ def travel_time_m(
     Args:
         speed: (rows, cols), 0 where nothing passes.
         sources: (rows, cols) bool; blocked ones don't count.
-        stops: places, each as the (row, col) of its cells (n, 2); at most 63. Cells farther than the nearest of each by more than
+        stops: places, each as the (row, col) of its cells (n, 2); at most 16. Cells farther than the nearest of each by more than
             ``margin_m`` aren't computed.
 
     Returns:
@@ -271,7 +271,7 @@ def travel_times_between_m(
     terrain: Terrain, places_m: Sequence[tuple[float, float]], within_m: float
 ) -> NDArray[np.float64]:
     """(n, n) travel time [m] from each place (row) to within a distance of each other place, as ``coarse_travel_time_m`` says;
-    ``UNREACHED`` where no way leads. At most 63 places."""
+    ``UNREACHED`` where no way leads. At most 16 places."""
     speed, open_cells = _coarse_speed(terrain), _may_be_sent(terrain)
     near = []
     for place in places_m:
