@@ -19,6 +19,7 @@ from surveilnav.services.planner.core.memory.waypoint import CurrentWaypoint
 from surveilnav.services.planner.core.motion.drive import FmmPlanner
 from surveilnav.services.planner.core.options.frontiers import by_chance_per_metre, only
 from surveilnav.services.planner.core.options.option import Option
+from surveilnav.services.planner.core.options.other_floors import unless_objects_come_first
 from surveilnav.services.planner.core.sequence import expected_way_m
 
 CONFIG = PlannerConfig()
@@ -167,6 +168,33 @@ def test_a_rule_that_chooses_one_frontier_has_it_compared_with_objects(world, ma
     assert rated.chosen.utility == pytest.approx(CONFIG.explore_chance / far_m)
     near = make_record(at=(w.x + 1.0, w.y), confidence=0.15, n_detections=3)
     assert choose(context_of(w, state, rule=farthest, objects=[near])).chosen.record == near
+
+
+def test_a_choice_asks_the_rule_once(world):
+    asked = []
+
+    def rule(context, found):
+        asked.append(len(found))
+        return by_chance_per_metre(context, found)
+
+    choice = choose(context_of(world(ROOMS), MissionState("chair", floor="0"), rule=rule))
+    assert asked == [len(choice.compared)]
+
+
+@pytest.mark.parametrize(
+    ("kind", "is_on_the_way", "is_accepted", "weighed"),
+    [
+        ("target", False, False, False),
+        ("target", True, False, False),
+        ("candidate", False, False, False),
+        ("candidate", True, False, True),
+        ("candidate", False, True, True),
+        ("frontier", False, False, True),
+    ],
+)
+def test_stairs_are_weighed_unless_an_object_here_comes_first(kind, is_on_the_way, is_accepted, weighed):
+    stairs, other = option("stairs", is_current=is_on_the_way), option(kind, is_accepted=is_accepted)
+    assert unless_objects_come_first([other, stairs]) == ([other, stairs] if weighed else [other])
 
 
 def test_every_kind_of_option_has_a_behaviour():
