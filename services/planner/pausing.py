@@ -82,7 +82,7 @@ class Pauses:
 
     def __init__(self, areas: MissionAreas, saved: SavedMission) -> None:
         self._areas, self._pause = areas, Pause(saved.paused)
-        self._frame_told = saved.frame_told
+        self._frame_problem_reported = saved.frame_problem_reported
         self._wait = saved.waits_for
         self._areas.vouched = saved.vouched
         if self._wait is not None:
@@ -101,7 +101,7 @@ class Pauses:
             paused=self._pause.stored_reason,
             waits_for=self._wait if self._pause.ends_itself else None,
             vouched=self._areas.vouched,
-            frame_told=self._frame_told,
+            frame_problem_reported=self._frame_problem_reported,
         )
 
     def begin(self, reason: str) -> None:
@@ -131,8 +131,8 @@ class Pauses:
 
         ``problem``: why the robot can't be where it says; empty: it can.
         """
-        is_new = bool(problem) and not self._frame_told
-        self._frame_told = bool(problem)
+        is_new = bool(problem) and not self._frame_problem_reported
+        self._frame_problem_reported = bool(problem)
         return is_new and self._pause.begin(problem)
 
     def for_refusal(self, robot: str, refused: Refused) -> bool:

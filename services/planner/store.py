@@ -81,7 +81,7 @@ class SavedMission(msgspec.Struct, frozen=True, kw_only=True):
         paused: the reason, while it is paused until a person resumes it.
         waits_for: the passages for which it is paused; None: for none.
         vouched: closed passages that a person said can be passed, as (floor, passage).
-        frame_told: whether it was paused because its robot can't be where it says, and that is still so.
+        frame_problem_reported: whether it was paused because its robot can't be where it says, and that is still so.
         wanted_robot: the robot that the goal asked for; "": any.
         memory: the core's ``MissionState`` as JSON; "": there is none yet, or the mission has ended.
     """
@@ -94,7 +94,7 @@ class SavedMission(msgspec.Struct, frozen=True, kw_only=True):
     paused: str | None = None
     waits_for: PassageWait | None = None
     vouched: frozenset[tuple[str, str]] = frozenset()
-    frame_told: bool = False
+    frame_problem_reported: bool = False
     wanted_robot: str = ""
     memory: str = ""
 

@@ -1,6 +1,7 @@
 """Pure planning: ``step(state, maps, robot, config)`` gives a mission's next action. It uses no bus and no clock.
 
 step        perceive, choose, drive; inputs: the maps and the robot at one step; decision: what the step answers
+context     all that is known at a step; reach: where the robot can get to, worked out once a step
 choice      the decision: what is proposed, and by which rule one option is chosen (choice_rules, sequence)
 options/    what the robot could do next, a file for each kind; nothing here changes anything
 goals/      what is known of objects, frontiers, floors and stairs (questions only)

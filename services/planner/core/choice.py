@@ -9,14 +9,17 @@ from surveilnav.services.planner.core.choice_rules import ChoiceRule, highest_ut
 from surveilnav.services.planner.core.context import StepContext
 from surveilnav.services.planner.core.goals import objects
 from surveilnav.services.planner.core.goals.floors import never_leaves
-from surveilnav.services.planner.core.goals.frontier_access import split_by_access
 from surveilnav.services.planner.core.options.candidates import all_candidates, promising_candidates
 from surveilnav.services.planner.core.options.closed_passages import closed_passages
 from surveilnav.services.planner.core.options.confirmed_objects import confirmed_objects
 from surveilnav.services.planner.core.options.frontiers import constrained_frontiers, frontiers
 from surveilnav.services.planner.core.options.last_resort import accepted_object, last_resort
 from surveilnav.services.planner.core.options.option import Option, Proposer
-from surveilnav.services.planner.core.options.other_floors import other_floors, unsearched_floors
+from surveilnav.services.planner.core.options.other_floors import (
+    other_floors,
+    unless_objects_come_first,
+    unsearched_floors,
+)
 from surveilnav.services.planner.core.options.second_looks import second_looks
 from surveilnav.services.planner.core.sequence import least_expected_way
 
@@ -58,7 +61,7 @@ CHOICE_RULES: Mapping[str, ChoiceRule] = {
 
 def choose(context: StepContext) -> Choice | None:
     """Chooses what the robot does next; None: nothing is left to do. Nothing is changed."""
-    is_searched = False
+    context, is_searched = replace(context), False  # a context of its own, to which what is remembered now applies
     for n, group in enumerate(GROUPS):
         if n == _N_SEARCHING and not never_leaves(context):
             context, is_searched = _with_floor_searched(context), True
@@ -67,14 +70,14 @@ def choose(context: StepContext) -> Choice | None:
             continue
         chosen = CHOICE_RULES[context.config.choice](options, context)
         compared = tuple(sorted(options, key=lambda option: (option is not chosen, -option.utility)))
-        constrained = tuple((f.x_m, f.y_m) for f in split_by_access(context)[1])
+        constrained = tuple((f.x_m, f.y_m) for f in context.frontiers_by_access[1])
         return Choice(chosen, compared, constrained, context.state.here.best_remaining_chance if is_searched else None)
     return None
 
 
 def _propose(context: StepContext, group: Sequence[Proposer]) -> list[Option]:
     """The options of a group. If there are none, those that are blacklisted only for a while: the map may have changed."""
-    options = [option for proposer in group for option in proposer(context)]
+    options = unless_objects_come_first([option for proposer in group for option in proposer(context)])
     if options or context.retries_blacklisted or not context.state.here.blacklist.is_waiting(context.state.step):
         return options
     return _propose(replace(context, retries_blacklisted=True), group)
@@ -84,6 +87,6 @@ def _with_floor_searched(context: StepContext) -> StepContext:
     """This step once it is recorded that nothing is left to explore or to look at on this floor; and what could still be accepted
     on it as a last resort. The state of ``context`` isn't changed."""
     state = context.state.copy()
-    left = objects.last_resorts(context.maps.objects, state, context.config)
+    left = objects.last_resorts(context.possible_targets, state, context.config)
     state.here.record_searched(objects.chance(left[0], state.target) if left else 0.0)
     return replace(context, state=state) if context.state.here.is_searched else context.anew(state)

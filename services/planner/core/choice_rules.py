@@ -9,6 +9,8 @@ from surveilnav.services.planner.core.options.option import Option, OptionKind
 
 ChoiceRule = Callable[[Sequence[Option], StepContext], Option]
 
+_PAPERS_ORDER: tuple[OptionKind, ...] = ("target", "candidate", "stairs", "frontier", "second_look", "passage")
+
 
 def highest_utility(options: Sequence[Option], context: StepContext) -> Option:
     """Ours: the highest chance per expected metre. The current option is kept unless another is clearly better (hysteresis).
@@ -19,9 +21,6 @@ def highest_utility(options: Sequence[Option], context: StepContext) -> Option:
     best = max(options, key=lambda option: option.utility)
     current = max((o for o in options if o.is_current), key=lambda option: option.utility, default=None)
     return current if current and best.utility <= context.config.switch_ratio * current.utility else best
-
-
-_PAPERS_ORDER: tuple[OptionKind, ...] = ("target", "candidate", "stairs", "frontier", "second_look", "passage")
 
 
 def papers_order(options: Sequence[Option], context: StepContext) -> Option:

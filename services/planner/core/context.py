@@ -10,33 +10,35 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from surveilnav.messages import ObjectRecord
 from surveilnav.services.planner.core.config import PlannerConfig
 from surveilnav.services.planner.core.decision import Decision, Phase
-from surveilnav.services.planner.core.goals import objects
-from surveilnav.services.planner.core.goals.frontiers import Frontier, find_frontiers
+from surveilnav.services.planner.core.goals.frontier_access import split_by_access
+from surveilnav.services.planner.core.goals.frontiers import Frontier
 from surveilnav.services.planner.core.inputs import FloorMaps, RobotView
 from surveilnav.services.planner.core.memory.mission_state import MissionState
 from surveilnav.services.planner.core.motion.areas import Area, barring_area
 from surveilnav.services.planner.core.motion.drive import LocalPlanner, Route
-from surveilnav.services.planner.core.motion.terrain import (
-    Terrain,
-    build_terrain,
-    coarse_travel_time_m,
-    lines_are_clear,
-)
+from surveilnav.services.planner.core.motion.terrain import Terrain, lines_are_clear
 from surveilnav.services.planner.core.options.option import Option
+from surveilnav.services.planner.core.reach import Reach
 
 
 @dataclass(frozen=True, slots=True)
 class RatedFrontier:
-    """A frontier with the chance that exploring it finds the target, its utility (comparable with the utilities of objects), what
-    rated it so, for people, and what exploring is expected to cost beyond the frontier [m]."""
+    """A frontier as a ``FrontierRule`` rates it.
+
+    Attributes:
+        chance: that exploring it finds the target. ``utility``: comparable with the utilities of objects.
+        cost_m: what exploring it is expected to cost [m]: the way there, and the way beyond.
+        why: what rated it so, for people.
+    """
 
     frontier: Frontier
     chance: float
     utility: float
+    cost_m: float
     why: str
-    spend_m: float
 
 
 class FrontierRule(Protocol):
@@ -54,19 +56,17 @@ class StepContext:
     """Everything that is known at this step.
 
     Asking it never changes anything. ``state`` is the step's own copy; what the robot does changes it through the methods of
-    ``MissionState``. ``travel_time_m``: from the robot to every cell of the terrain, in metres of comfortable free space.
-    ``retries_blacklisted``: nothing else is left, so only what is blacklisted permanently counts as blacklisted.
+    ``MissionState``. ``reach``: the maps, and where the robot can get to; ``retries_blacklisted``: nothing else is left, so only
+    what is blacklisted permanently counts as blacklisted.
     """
 
     state: MissionState
-    maps: FloorMaps
     robot: RobotView
     config: PlannerConfig
     planner: LocalPlanner
     summaries: Mapping[str, Mapping[str, float]]
     rule: FrontierRule
-    terrain: Terrain
-    travel_time_m: NDArray[np.float64]
+    reach: Reach
     retries_blacklisted: bool = False
 
     @classmethod
@@ -80,12 +80,9 @@ class StepContext:
         summaries: Mapping[str, Mapping[str, float]],
         rule: FrontierRule,
     ) -> StepContext:
-        """Builds the terrain around everything known and every possible goal, and the robot's travel times over it."""
-        goals = objects.candidates(maps.objects, state, config) + objects.last_resorts(maps.objects, state, config)
-        places = [o.center_m[:2] for o in goals] + _stairs_ends(state, robot, config)
-        terrain = build_terrain(maps, robot, state, config, places)
-        travel_time_m = coarse_travel_time_m(terrain, robot.x_m, robot.y_m)
-        return cls(state, maps, robot, config, planner, summaries, rule, terrain, travel_time_m)
+        """Finds out where the robot can get to."""
+        reach = Reach.from_inputs(state, maps, robot, config)
+        return cls(state, robot, config, planner, summaries, rule, reach)
 
     def anew(self, state: MissionState) -> StepContext:
         """This step with another memory, by which the terrain may reach farther: to stairs that nobody has seen."""
@@ -93,42 +90,31 @@ class StepContext:
             state, self.maps, self.robot, self.config, self.planner, self.summaries, self.rule
         )
 
-    @cached_property
-    def frontiers(self) -> list[Frontier]:
-        """All frontiers that a way leads to."""
-        return find_frontiers(self.maps, self.terrain, self.travel_time_m, self.config)
+    @property
+    def maps(self) -> FloorMaps:
+        return self.reach.maps
+
+    @property
+    def terrain(self) -> Terrain:
+        return self.reach.terrain
+
+    @property
+    def travel_time_m(self) -> NDArray[np.float64]:
+        return self.reach.travel_time_m
+
+    @property
+    def possible_targets(self) -> Sequence[ObjectRecord]:
+        """The objects of this floor that may be the target."""
+        return self.reach.possible_targets
 
     @cached_property
-    def unconstrained_travel_time_m(self) -> NDArray[np.float64]:
-        """``travel_time_m`` for a robot that avoids narrow gaps, except where it stands in one."""
-        here = self.terrain.disc(self.robot.x_m, self.robot.y_m, self.config.same_place_m)
-        constrained = (self.terrain.speed <= self.config.constrained_speed) & ~here
-        terrain = replace(self.terrain, speed=np.where(constrained, 0.0, self.terrain.speed))
-        return coarse_travel_time_m(terrain, self.robot.x_m, self.robot.y_m)
-
-    @cached_property
-    def closed_passages(self) -> tuple[Area, ...]:
-        """The passages of this floor that are known to be closed."""
-        return tuple(area for area in self.maps.areas if area.kind == "closed")
-
-    @cached_property
-    def with_all_open(self) -> StepContext:
-        """This step as it would be if every closed passage were open."""
-        return self.with_open(self.closed_passages)
+    def frontiers_by_access(self) -> tuple[list[Frontier], list[Frontier]]:
+        """``split_by_access``, asked once a choice: what is remembered mustn't change in between."""
+        return split_by_access(self)
 
     def with_open(self, passages: Sequence[Area]) -> StepContext:
         """This step as it would be if these passages were open."""
-        areas = tuple(replace(area, kind="open") if area in passages else area for area in self.maps.areas)
-        opened = StepContext.from_inputs(
-            self.state,
-            replace(self.maps, areas=areas),
-            self.robot,
-            self.config,
-            self.planner,
-            self.summaries,
-            self.rule,
-        )
-        return replace(opened, retries_blacklisted=self.retries_blacklisted)
+        return replace(self, reach=self.reach.with_open(passages))
 
     def is_blacklisted(self, x_m: float, y_m: float, *, confirmed: bool = False) -> bool:
         """Whether the robot leaves a place alone because it failed to reach it. ``confirmed``: a confirmed target is there."""
@@ -170,10 +156,3 @@ class StepContext:
             distance_m=length_m,
             object_id=option.record.id if option and option.record else None,
         )
-
-
-def _stairs_ends(state: MissionState, robot: RobotView, config: PlannerConfig) -> list[tuple[float, float]]:
-    """(x, y) [m] of the stairs of this floor that the robot may head for without having seen them."""
-    if config.stairs_known == "seen" and not state.here.is_searched:
-        return []
-    return [stairs.at_m[:2] for stairs in robot.stairs if stairs.floor == robot.floor]

@@ -16,12 +16,11 @@ from numpy.typing import NDArray
 
 from surveilnav.services.planner.core.choice_rules import highest_utility
 from surveilnav.services.planner.core.context import StepContext
-from surveilnav.services.planner.core.motion.terrain import coarse_travel_time_m
+from surveilnav.services.planner.core.goals.travel import NEAR_OBJECT_M, likely_way_m
+from surveilnav.services.planner.core.motion.terrain import travel_times_between_m
 from surveilnav.services.planner.core.options.option import Option
 
 _IN_SEQUENCE = ("target", "candidate", "frontier")
-#: Objects stand in inflated obstacles: the way ends so near to them.
-_NEAR_M = 1.0
 
 
 def least_expected_way(options: Sequence[Option], context: StepContext) -> Option:
@@ -46,15 +45,12 @@ def least_expected_way(options: Sequence[Option], context: StepContext) -> Optio
 
 
 def _ways_between(context: StepContext, options: Sequence[Option]) -> NDArray[np.float64]:
-    """(n, n) travel time [m] between options; twice the distance where the map shows no way."""
-    places = np.array([(o.x_m, o.y_m) for o in options])
-    ways_m = 2.0 * np.linalg.norm(places[:, None] - places, axis=2)
-    known_m = np.full(ways_m.shape, np.inf)
-    for i, a in enumerate(options):
-        time_m = coarse_travel_time_m(context.terrain, a.x_m, a.y_m)
-        known_m[i] = [context.terrain.min_near(time_m, b.x_m, b.y_m, _NEAR_M) for b in options]
+    """(n, n) travel time [m] between options; ``likely_way_m`` where the map shows no way."""
+    places = [(o.x_m, o.y_m) for o in options]
+    known_m = travel_times_between_m(context.terrain, places, NEAR_OBJECT_M)
     known_m = np.minimum(known_m, known_m.T)  # no way leads out of an object that is all mapped, but one leads there
-    return np.asarray(np.where(np.isfinite(known_m), known_m, ways_m), np.float64)
+    apart = np.linalg.norm(np.array(places)[:, None] - np.array(places), axis=2)
+    return np.asarray(np.where(np.isfinite(known_m), known_m, likely_way_m(apart)), np.float64)
 
 
 def expected_way_m(

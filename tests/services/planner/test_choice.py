@@ -19,6 +19,7 @@ from surveilnav.services.planner.core.memory.waypoint import CurrentWaypoint
 from surveilnav.services.planner.core.motion.drive import FmmPlanner
 from surveilnav.services.planner.core.options.frontiers import by_chance_per_metre, only
 from surveilnav.services.planner.core.options.option import Option
+from surveilnav.services.planner.core.options.other_floors import unless_objects_come_first
 from surveilnav.services.planner.core.sequence import expected_way_m
 
 CONFIG = PlannerConfig()
@@ -187,6 +188,33 @@ def test_a_rule_that_leaves_the_frontier_where_the_robot_is_heading_is_obeyed(wo
         at = next(o for o in found if o.x_m == heading_for)
         state.waypoint = CurrentWaypoint("frontier", at.x_m, at.y_m, None, 0)
         assert choose(context_of(w, state, config=config, rule=chooses(told))).chosen.x_m == told
+
+
+def test_a_choice_asks_the_rule_once(world):
+    asked = []
+
+    def rule(context, found):
+        asked.append(len(found))
+        return by_chance_per_metre(context, found)
+
+    choice = choose(context_of(world(ROOMS), MissionState("chair", floor="0"), rule=rule))
+    assert asked == [len(choice.compared)]
+
+
+@pytest.mark.parametrize(
+    ("kind", "is_on_the_way", "is_accepted", "weighed"),
+    [
+        ("target", False, False, False),
+        ("target", True, False, False),
+        ("candidate", False, False, False),
+        ("candidate", True, False, True),
+        ("candidate", False, True, True),
+        ("frontier", False, False, True),
+    ],
+)
+def test_stairs_are_weighed_unless_an_object_here_comes_first(kind, is_on_the_way, is_accepted, weighed):
+    stairs, other = option("stairs", is_current=is_on_the_way), option(kind, is_accepted=is_accepted)
+    assert unless_objects_come_first([other, stairs]) == ([other, stairs] if weighed else [other])
 
 
 def test_every_kind_of_option_has_a_behaviour():

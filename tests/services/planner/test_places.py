@@ -148,12 +148,12 @@ def test_a_search_by_places_explores_what_is_likely(world):
     config = PlannerConfig(strategy="places")
     state = MissionState("chair", floor="0")
     context = StepContext.from_inputs(state, w.maps(), w.robot(), config, FmmPlanner(), {}, by_chance_per_metre)
-    rated = by_chance_per_metre(context, context.frontiers)
+    rated = by_chance_per_metre(context, context.reach.frontiers)
     assert rated
-    assert rated == by_chance_per_metre(context, context.frontiers)
+    assert rated == by_chance_per_metre(context, context.reach.frontiers)
     for r in rated:
         assert 0.0 < r.chance < 1.0
-        assert r.utility == pytest.approx(r.chance / (r.frontier.travel_time_m + r.spend_m))
+        assert r.utility == pytest.approx(r.chance / r.cost_m)
         assert "beyond" in r.why
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections import Counter
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -14,7 +15,7 @@ import pytest
 from surveilnav.geometry import Grid
 from surveilnav.messages import Candidate, Stair
 from surveilnav.occupancy import PRIOR_FREE
-from surveilnav.services.planner.core import FloorMaps, MissionState, PlannerConfig, RobotView, step
+from surveilnav.services.planner.core import FloorMaps, FloorMemory, MissionState, PlannerConfig, RobotView, reach, step
 from surveilnav.services.planner.core.behaviours.approach_object import _describe, approach_object
 from surveilnav.services.planner.core.behaviours.follow_route import follow_route
 from surveilnav.services.planner.core.choice import Choice, choose
@@ -559,8 +560,28 @@ def test_the_likeliest_that_a_way_leads_to_is_the_last_resort(make_record):
         state.blacklist_place(7.0, 1.0, CONFIG)
     assert accept() == 3, "what was given up for good makes room for the next"
     m.objects.remove(third)
+    context = context.anew(state)
     assert accept() is None, "it was merged into another"
     assert accepted_object(context) == []
+
+
+def test_what_the_map_says_is_worked_out_once_a_step(make_record, monkeypatch):
+    """A confirmed target that no way leads to is tried four times within a step; nothing about the map is asked anew."""
+    walls = np.zeros(GRID.shape, np.uint8)
+    walls[100:161, 100:161] = 1
+    m = maps(objects=[make_record(at=(6.5, 6.5), status="confirmed")], occupancy=walls)
+    asked = Counter()
+
+    def counted(name):
+        ask = getattr(reach, name)
+        monkeypatch.setattr(reach, name, lambda *args: asked.update([name]) or ask(*args))
+
+    for name in ("find_frontiers", "goal_region", "coarse_travel_time_m"):
+        counted(name)
+    state = MissionState("chair", floor="0", floors={"0": FloorMemory(scan_turns_left=0, is_searched=True)})
+    after, _ = step(state, m, HERE, CONFIG)
+    assert [entry.failures for entry in after.here.blacklist.entries] == [4]
+    assert asked == {"find_frontiers": 1, "goal_region": 1, "coarse_travel_time_m": 1}
 
 
 @pytest.mark.parametrize("judged_before", [False, True])

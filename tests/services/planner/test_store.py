@@ -40,7 +40,7 @@ def full(id="m1"):
         cancel="enough",
         waits_for=PassageWait(reason="waits for door lobby", floor="0", passages=("lobby", "lift_1")),
         vouched=frozenset({("0", "entrance"), ("1", "entrance")}),
-        frame_told=True,
+        frame_problem_reported=True,
         memory=MissionState("chair").to_json().decode(),
         pending=PendingAction(seq=41, action="take_stairs", to_floor="1"),
         plan=Plan(
@@ -93,10 +93,10 @@ def test_a_mission_of_before_pauses_were_stored_is_read(open_store, tmp_path):
     store.close()
     with sqlite3.connect(path) as connection:
         connection.execute(
-            "UPDATE missions SET record = json_remove(record, '$.waits_for', '$.vouched', '$.frame_told')"
+            "UPDATE missions SET record = json_remove(record, '$.waits_for', '$.vouched', '$.frame_problem_reported')"
         )
     connection.close()
-    former = msgspec.structs.replace(full(), waits_for=None, vouched=frozenset(), frame_told=False)
+    former = msgspec.structs.replace(full(), waits_for=None, vouched=frozenset(), frame_problem_reported=False)
     assert open_store(path).load() == [former]
 
 

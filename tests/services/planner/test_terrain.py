@@ -15,7 +15,12 @@ from surveilnav.geometry import Grid
 from surveilnav.occupancy import ESTIMATED_OBSTACLE, PRIOR_FREE, PRIOR_OBSTACLE
 from surveilnav.services.planner.core import FloorMaps, FloorMemory, MissionState, PlannerConfig, RobotView
 from surveilnav.services.planner.core.motion.drive import FmmPlanner, descend, next_action
-from surveilnav.services.planner.core.motion.terrain import build_terrain, coarse_travel_time_m, travel_time_m
+from surveilnav.services.planner.core.motion.terrain import (
+    build_terrain,
+    coarse_travel_time_m,
+    travel_time_m,
+    travel_times_between_m,
+)
 
 CONFIG = PlannerConfig()
 
@@ -135,12 +140,28 @@ def test_a_front_that_stops_early_says_the_same_up_to_there(seed):
     sources = np.zeros(speed.shape, bool)
     sources[tuple(open_cells[seed % len(open_cells)])] = True
     there = tuple(int(v) for v in open_cells[(seed * 7) % len(open_cells)])
-    whole, part = travel_time_m(speed, sources, 0.05), travel_time_m(speed, sources, 0.05, there, 0.3)
+    whole, part = travel_time_m(speed, sources, 0.05), travel_time_m(speed, sources, 0.05, [[there]], 0.3)
     assert part[there] == whole[there]
     assert np.array_equal(part[np.isfinite(part)], whole[np.isfinite(part)])
     if math.isfinite(whole[there]):
         assert np.isfinite(part[whole < whole[there] + 0.25]).all()
         assert not np.isfinite(part[whole > whole[there] + 0.4]).any()
+
+
+@settings(max_examples=10)
+@given(seed=st.integers(0, 10_000))
+def test_a_front_that_stops_goes_on_to_the_last_of_several_places(seed):
+    """Places may share cells, and one that no way leads to keeps the front going everywhere."""
+    rng, speed = np.random.default_rng(seed), maze(seed)
+    sources = np.zeros(speed.shape, bool)
+    sources[tuple(rng.permutation(np.argwhere(speed > 0))[0])] = True
+    places = [rng.integers(0, 48, (4, 2)) for _ in range(3)]
+    places[1][0] = places[0][0]
+    whole, part = travel_time_m(speed, sources, 0.05), travel_time_m(speed, sources, 0.05, places, 0.05)
+    least_m = [whole[cells[:, 0], cells[:, 1]].min() for cells in places]
+    assert [part[cells[:, 0], cells[:, 1]].min() for cells in places] == least_m
+    assert np.array_equal(part[np.isfinite(part)], whole[np.isfinite(part)])
+    assert not np.isfinite(part[whole > max(least_m) + 0.15]).any()
 
 
 def test_open_space_is_a_cone():
@@ -243,6 +264,26 @@ def test_coarse_reaches_what_fine_reaches(seed):
         assert np.isfinite(coarse[both]).all()
         assert (coarse[both] - fine[both]).max() < 0.4 + 0.2 * fine[both].max()
         assert np.median(np.abs(coarse[both] - fine[both]) / np.maximum(fine[both], 1.0)) < share
+
+
+@settings(max_examples=20)
+@given(seed=st.integers(0, 10_000))
+def test_times_between_places_are_those_of_whole_fields(seed):
+    """To the last bit, although the fronts end early; also of places in obstacles, and of two at the same place."""
+    rng = np.random.default_rng(seed)
+    occupancy = np.zeros((120, 120), np.uint8)
+    for _ in range(6):
+        r, c = rng.integers(10, 110, 2)
+        occupancy[r : r + 12, max(0, c - 30) : c + 30] = 1
+    terrain = build_terrain(
+        _maps(Grid(0.0, 0.0, 0.05, 120, 120), occupancy), _robot(0.3, 0.3), MissionState("x"), CONFIG
+    )
+    places = [tuple(place) for place in rng.uniform(0.0, 6.0, (4, 2))]
+    places.append(places[0])
+    fields = [coarse_travel_time_m(terrain, *place) for place in places]
+    expected = np.array([[terrain.min_near(field, *place, 0.3) for place in places] for field in fields])
+    np.fill_diagonal(expected, 0.0)
+    assert np.array_equal(travel_times_between_m(terrain, places, 0.3), expected)
 
 
 @pytest.mark.parametrize(("gap_m", "passes"), [(0.8, True), (0.6, True), (0.35, True), (0.1, False)])

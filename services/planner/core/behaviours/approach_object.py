@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from surveilnav.messages import ObjectRecord
@@ -11,7 +10,7 @@ from surveilnav.services.planner.core.behaviours.follow_route import follow_rout
 from surveilnav.services.planner.core.context import StepContext
 from surveilnav.services.planner.core.decision import Decision
 from surveilnav.services.planner.core.goals import objects
-from surveilnav.services.planner.core.goals.goal_region import GoalRegion, goal_region
+from surveilnav.services.planner.core.goals.goal_region import GoalRegion
 from surveilnav.services.planner.core.goals.verification import Verification, is_likely_enough, verify
 from surveilnav.services.planner.core.motion.drive import bearing_error_rad, turn_towards
 from surveilnav.services.planner.core.options.option import Option
@@ -35,8 +34,10 @@ def approach_object(context: StepContext, option: Option) -> Decision | None:
     if verification == "contradicted":
         context.state.dismiss(record, f"the robot sees {record.label_robot or 'something else'}")
         return None
-    looked_from = context.state.here.looked_from.get(record.id, ())
-    region = _region(context, record, looked_from) or (_region(context, record) if looked_from else None)
+    looked_from = tuple(context.state.here.looked_from.get(record.id, ()))
+    region = context.reach.goal_region(record, looked_from)
+    if region is None and looked_from:
+        region = context.reach.goal_region(record)
     if region is None:
         if objects.is_confirmed(record, context.state.target):
             context.state.record_unreachable(record, context.area_at(*record.center_m[:2]))
@@ -46,13 +47,6 @@ def approach_object(context: StepContext, option: Option) -> Decision | None:
     if _has_arrived(context, region):
         return _look_and_decide(approach)
     return level_camera(context, option) or _turn_to_unverified(approach, region) or _drive_nearer(approach, region)
-
-
-def _region(
-    context: StepContext, record: ObjectRecord, looked_from: Sequence[tuple[float, float]] = ()
-) -> GoalRegion | None:
-    c = context
-    return goal_region(c.terrain, c.travel_time_m, record, c.robot, c.config, c.maps.floor_z_m, looked_from)
 
 
 def _verification_of(context: StepContext, record: ObjectRecord) -> Verification:
@@ -137,10 +131,10 @@ def _look_from_elsewhere(approach: _Approach) -> Decision | None:
     """
     context, record = approach.context, approach.record
     memory, robot, config = context.state.here, context.robot, context.config
-    places = [*memory.looked_from.get(record.id, ()), (robot.x_m, robot.y_m)]
+    places = (*memory.looked_from.get(record.id, ()), (robot.x_m, robot.y_m))
     if record.label_robot or len(places) >= config.max_look_places or config.verification == "paper":
         return None
-    region = _region(context, record, places)
+    region = context.reach.goal_region(record, places)
     if region is None:
         return None
     memory.record_looked_from(record.id, robot.x_m, robot.y_m)

@@ -21,7 +21,7 @@ def initial_scan(context: StepContext, choice: Choice | None) -> Decision | None
     state, robot, turns = context.state, context.robot, context.config.scan_turns
     if state.here.scan_turns_left == 0:
         return None
-    known = objects.promising(context.maps.objects, state, context.config)
+    known = objects.promising(context.possible_targets, state, context.config)
     likely = [o for o in known if objects.chance(o, state.target) >= _LIKELY]
     if any(travel_time_to(context, o) <= context.config.skip_scan_within_m for o in likely):
         state.here.skip_scan()

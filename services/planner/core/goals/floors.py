@@ -46,7 +46,7 @@ def evidence_here(context: StepContext) -> float:
     state = context.state
     if state.here.scan_turns_left != 0:
         return evidence(context, state.floor)
-    known = objects.candidates(context.maps.objects, state, context.config)
+    known = objects.candidates(context.possible_targets, state, context.config)
     return max([objects.chance(o, state.target) for o in known], default=0.0)
 
 

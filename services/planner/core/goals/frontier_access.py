@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
-from surveilnav.services.planner.core.context import StepContext
 from surveilnav.services.planner.core.goals.frontiers import Frontier
 from surveilnav.services.planner.core.goals.travel import is_constrained
+
+if TYPE_CHECKING:
+    from surveilnav.services.planner.core.context import StepContext
 
 
 def available_frontiers(context: StepContext) -> list[Frontier]:
     """All frontiers that aren't blacklisted, also those that only narrow gaps lead to."""
-    return [f for f in context.frontiers if not context.is_blacklisted(f.x_m, f.y_m)]
+    return [f for f in context.reach.frontiers if not context.is_blacklisted(f.x_m, f.y_m)]
 
 
 def split_by_access(context: StepContext) -> tuple[list[Frontier], list[Frontier]]:

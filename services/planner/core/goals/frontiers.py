@@ -120,7 +120,12 @@ def _score(frontier: Frontier, scaled_value: float, config: PlannerConfig) -> fl
     """A frontier's score: its relative chance per metre, or its scaled value (0 to 1) alone."""
     if config.frontier_score == "value":
         return (scaled_value + _TIE_BREAK_PER_M) / (1.0 + _TIE_BREAK_PER_M * frontier.travel_time_m)
-    return frontier.relative_chance / (frontier.travel_time_m + config.explore_cost_m)
+    return frontier.relative_chance / exploring_cost_m(frontier, config)
+
+
+def exploring_cost_m(frontier: Frontier, config: PlannerConfig) -> float:
+    """What it costs to explore a frontier [m]: the way there, and what is expected beyond it."""
+    return frontier.travel_time_m + config.explore_cost_m
 
 
 def values_differ_enough(values: NDArray[np.float64], config: PlannerConfig) -> bool:

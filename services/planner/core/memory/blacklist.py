@@ -37,12 +37,12 @@ class Blacklist:
 
         ``confirmed``: a confirmed target is there, so more failures are allowed before it is permanent.
         """
-        waiting = any(e.until_step > step for e in self._near(x_m, y_m, config))
-        return waiting or self.contains_permanently(x_m, y_m, config, confirmed=confirmed)
+        limit = _failures_allowed(confirmed=confirmed)
+        return any(e.until_step > step or e.failures >= limit for e in self._near(x_m, y_m, config))
 
     def contains_permanently(self, x_m: float, y_m: float, config: PlannerConfig, *, confirmed: bool) -> bool:
         """Whether a place is blacklisted for the rest of the mission."""
-        limit = PERMANENT_AFTER_CONFIRMED if confirmed else PERMANENT_AFTER
+        limit = _failures_allowed(confirmed=confirmed)
         return any(e.failures >= limit for e in self._near(x_m, y_m, config))
 
     def failures_at(self, x_m: float, y_m: float, config: PlannerConfig) -> int:
@@ -75,6 +75,10 @@ class Blacklist:
 
     def _near(self, x_m: float, y_m: float, config: PlannerConfig) -> list[BlacklistEntry]:
         return [e for e in self.entries if _is_near(e, x_m, y_m, config)]
+
+
+def _failures_allowed(*, confirmed: bool) -> int:
+    return PERMANENT_AFTER_CONFIRMED if confirmed else PERMANENT_AFTER
 
 
 def _released(entry: BlacklistEntry, step: int) -> BlacklistEntry:

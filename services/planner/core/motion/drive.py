@@ -49,7 +49,7 @@ class FmmPlanner:
         The field is computed a little beyond the robot, as far as it may have to step aside.
         """
         here = terrain.cell(robot.x_m, robot.y_m)
-        field = travel_time_m(steering_speed(terrain.speed), goals, terrain.grid.resolution_m, here, BEYOND_ROBOT_M)
+        field = travel_time_m(steering_speed(terrain.speed), goals, terrain.grid.resolution_m, [[here]], BEYOND_ROBOT_M)
         if not math.isfinite(field[here]):
             return None
         action = next_action(terrain, field, robot, config)

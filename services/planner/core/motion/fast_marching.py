@@ -8,10 +8,11 @@ That saves the heap, and costs far less accuracy than the first-order scheme its
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 _NONE = -1
 _BUCKETS_PER_CELL = 2.0
@@ -20,7 +21,7 @@ _BUCKETS_PER_CELL = 2.0
 def fast_march(
     speed: NDArray[np.float64],
     sources: NDArray[np.bool_],
-    stop_cell: tuple[int, int] | None = None,
+    stops: Sequence[ArrayLike] = (),
     margin: float = math.inf,
 ) -> NDArray[np.float64]:
     """Solves |grad T| = 1 / speed: the arrival times T of a front that starts at the sources.
@@ -28,7 +29,8 @@ def fast_march(
     Args:
         speed: (rows, cols) in [0, 1], 0 where nothing passes.
         sources: (rows, cols) bool; sources where nothing passes don't count.
-        stop_cell: (row, col) of a cell. The front stops ``margin`` after it reached this cell.
+        stops: places, each as the (row, col) of its cells (n, 2); at most 16. The front stops ``margin`` after it reached a cell
+            of every place. Without any it goes everywhere.
         margin: a time, in cells at speed 1.
 
     Returns:
@@ -38,34 +40,51 @@ def fast_march(
     slowness = np.zeros((rows + 2, cols + 2))  # an impassable rim saves checking for the edge
     np.divide(1.0, speed, out=slowness[1:-1, 1:-1], where=speed > 0.0)
     seeds = np.flatnonzero(np.pad(sources & (speed > 0.0), 1))
-    stop = -1 if stop_cell is None else (stop_cell[0] + 1) * (cols + 2) + stop_cell[1] + 1
-    time: NDArray[np.float64] = _propagate(slowness.ravel(), cols + 2, seeds, stop, margin)
+    places = np.zeros(slowness.shape, dtype=np.uint16)  # a bit for each that a cell belongs to
+    for i, cells in enumerate(stops):
+        row, col = np.asarray(cells).T + 1
+        places[row, col] |= 1 << i
+    awaited = (1 << len(stops)) - 1
+    time: NDArray[np.float64] = _propagate(slowness.ravel(), cols + 2, seeds, places.ravel(), awaited, margin)
     return time.reshape(rows + 2, cols + 2)[1:-1, 1:-1]
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _propagate(slowness, width, seeds, stop, margin):  # type: ignore[no-untyped-def]
+def _propagate(slowness, width, seeds, places, awaited, margin):  # type: ignore[no-untyped-def]
+    """Times of accepted cells, inf elsewhere. A cell whose time falls gets a new entry in an earlier bucket; the entry that it
+    leaves behind is passed over later, once the cell is accepted, which is cheaper than taking it out of its list."""
     time = np.full(slowness.size, np.inf)
     done = np.full(slowness.size, np.inf)  # times of accepted cells only
-    after = np.empty(slowness.size, dtype=np.int32)  # doubly linked lists of the cells in each bucket
-    before = np.empty(slowness.size, dtype=np.int32)
-    n_buckets = math.ceil(_BUCKETS_PER_CELL * slowness.max()) + 3
-    first = np.full(n_buckets, _NONE, dtype=np.int32)
+    ahead, n_buckets = _BUCKETS_PER_CELL * slowness.max() + 3, 1
+    while n_buckets < ahead:  # a power of two, so that a mask stands for the remainder
+        n_buckets *= 2
+    mask = n_buckets - 1
+    first = np.full(n_buckets, _NONE, dtype=np.int32)  # of each bucket the entry added last
+    most = len(seeds) + 4 * slowness.size  # each of its neighbours lowers a cell's time at most once
+    cell_of, next_of = np.empty(most, dtype=np.int32), np.empty(most, dtype=np.int32)
+    used = 0
     for cell in seeds:
         time[cell] = 0.0
-        _push(first, after, before, cell, 0)
+        cell_of[used], next_of[used] = cell, first[0]
+        first[0] = used
+        used += 1
     waiting = len(seeds)
     bucket, limit = 0, np.inf
     while waiting > 0 and bucket <= limit:
-        cell = first[bucket % n_buckets]
-        if cell == _NONE:
+        entry = first[bucket & mask]
+        if entry == _NONE:
             bucket += 1
             continue
-        _remove(first, after, before, cell, bucket % n_buckets)
+        first[bucket & mask] = next_of[entry]
+        cell = cell_of[entry]
+        if done[cell] < np.inf:
+            continue
         done[cell] = time[cell]
         waiting -= 1
-        if cell == stop:
-            limit = (time[cell] + margin) * _BUCKETS_PER_CELL
+        if awaited and awaited & places[cell]:
+            awaited &= ~places[cell]
+            if awaited == 0:
+                limit = (time[cell] + margin) * _BUCKETS_PER_CELL
         for n in (cell - width, cell - 1, cell + 1, cell + width):
             slow = slowness[n]
             if slow == 0.0 or done[n] < np.inf:
@@ -83,31 +102,11 @@ def _propagate(slowness, width, seeds, stop, margin):  # type: ignore[no-untyped
             time[n] = new
             now = max(bucket, int(new * _BUCKETS_PER_CELL))
             if old < np.inf:
-                was = max(bucket, int(old * _BUCKETS_PER_CELL))
-                if now == was:
+                if now == max(bucket, int(old * _BUCKETS_PER_CELL)):
                     continue
-                _remove(first, after, before, n, was % n_buckets)
             else:
                 waiting += 1
-            _push(first, after, before, n, now % n_buckets)
+            cell_of[used], next_of[used] = n, first[now & mask]
+            first[now & mask] = used
+            used += 1
     return done
-
-
-@njit(cache=True, inline="always")  # type: ignore[untyped-decorator]
-def _push(first, after, before, cell, slot):  # type: ignore[no-untyped-def]
-    head = first[slot]
-    after[cell], before[cell] = head, _NONE
-    if head != _NONE:
-        before[head] = cell
-    first[slot] = cell
-
-
-@njit(cache=True, inline="always")  # type: ignore[untyped-decorator]
-def _remove(first, after, before, cell, slot):  # type: ignore[no-untyped-def]
-    prior, later = before[cell], after[cell]
-    if prior == _NONE:
-        first[slot] = later
-    else:
-        after[prior] = later
-    if later != _NONE:
-        before[later] = prior

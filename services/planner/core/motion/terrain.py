@@ -13,7 +13,7 @@ from functools import lru_cache
 import cv2
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from surveilnav.geometry import Grid
 from surveilnav.occupancy import ESTIMATED_OBSTACLE, PRIOR_FREE
@@ -213,7 +213,7 @@ def travel_time_m(
     speed: NDArray[np.float64],
     sources: NDArray[np.bool_],
     resolution_m: float,
-    stop_cell: tuple[int, int] | None = None,
+    stops: Sequence[ArrayLike] = (),
     margin_m: float = np.inf,
 ) -> NDArray[np.float64]:
     """Travel time [m of free space] from the nearest source to every cell: |grad T| = 1 / speed.
@@ -221,12 +221,13 @@ def travel_time_m(
     Args:
         speed: (rows, cols), 0 where nothing passes.
         sources: (rows, cols) bool; blocked ones don't count.
-        stop_cell: (row, col) of a cell. Cells farther than it by more than ``margin_m`` aren't computed.
+        stops: places, each as the (row, col) of its cells (n, 2); at most 16. Cells farther than the nearest of each by more than
+            ``margin_m`` aren't computed.
 
     Returns:
         (rows, cols) float64, ``UNREACHED`` (inf) where no way leads or nothing was computed.
     """
-    return fast_march(speed, sources, stop_cell, margin_m / resolution_m) * resolution_m
+    return fast_march(speed, sources, stops, margin_m / resolution_m) * resolution_m
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
@@ -260,17 +261,55 @@ def coarse_travel_time_m(terrain: Terrain, x_m: float, y_m: float) -> NDArray[np
     Of four cells the fastest counts. Inflated obstacles are several cells thick, so this opens no wall.
     """
     rows, cols = terrain.grid.shape
+    time = _coarse_march(_coarse_speed(terrain), terrain, x_m, y_m)
+    fine = np.repeat(np.repeat(time, 2, axis=0), 2, axis=1)[:rows, :cols]
+    fine[~_may_be_sent(terrain)] = UNREACHED
+    return fine
+
+
+def travel_times_between_m(
+    terrain: Terrain, places_m: Sequence[tuple[float, float]], within_m: float
+) -> NDArray[np.float64]:
+    """(n, n) travel time [m] from each place (row) to within a distance of each other place, as ``coarse_travel_time_m`` says;
+    ``UNREACHED`` where no way leads. At most 16 places."""
+    speed, open_cells = _coarse_speed(terrain), _may_be_sent(terrain)
+    near = []
+    for place in places_m:
+        rows, cols = _cells_within(terrain.grid, [place], within_m)
+        is_open = open_cells[rows, cols]
+        near.append(np.stack([rows[is_open], cols[is_open]], axis=1) // 2)
+    times_m = np.full((len(places_m), len(places_m)), UNREACHED)
+    for i, place in enumerate(places_m):
+        others = [j for j, cells in enumerate(near) if j != i and len(cells)]
+        time_m = _coarse_march(speed, terrain, *place, [near[j] for j in others])
+        for j in others:
+            times_m[i, j] = time_m[near[j][:, 0], near[j][:, 1]].min()
+    np.fill_diagonal(times_m, 0.0)
+    return times_m
+
+
+def _coarse_speed(terrain: Terrain) -> NDArray[np.float64]:
+    """The speed in cells of twice the size: of four cells the fastest counts."""
+    rows, cols = terrain.grid.shape
     speed = np.pad(terrain.speed, ((0, rows % 2), (0, cols % 2)))
-    coarse = np.maximum(np.maximum(speed[::2, ::2], speed[1::2, ::2]), np.maximum(speed[::2, 1::2], speed[1::2, 1::2]))
-    sources = np.zeros(coarse.shape, dtype=bool)
+    return np.maximum(np.maximum(speed[::2, ::2], speed[1::2, ::2]), np.maximum(speed[::2, 1::2], speed[1::2, 1::2]))
+
+
+def _coarse_march(
+    speed: NDArray[np.float64], terrain: Terrain, x_m: float, y_m: float, stops: Sequence[ArrayLike] = ()
+) -> NDArray[np.float64]:
+    """Travel time [m] from a place to the cells of ``_coarse_speed``, until all ``stops`` are reached."""
+    sources = np.zeros(speed.shape, dtype=bool)
     row, col = terrain.cell(x_m, y_m)
     sources[row // 2, col // 2] = True
-    time = travel_time_m(coarse, sources, 2.0 * terrain.grid.resolution_m)
-    fine = np.repeat(np.repeat(time, 2, axis=0), 2, axis=1)[:rows, :cols]
-    fine[terrain.speed <= 0.0] = UNREACHED
-    if terrain.barred is not None:
-        fine[terrain.barred.near] = UNREACHED  # also where the robot may pass to get out of there
-    return fine
+    coarse_m = 2.0 * terrain.grid.resolution_m
+    return travel_time_m(speed, sources, coarse_m, stops, coarse_m)  # cells that are as near are accepted in any order
+
+
+def _may_be_sent(terrain: Terrain) -> NDArray[np.bool_]:
+    """Where a robot may be sent: not where it may only pass to get out of a barred area."""
+    passable = terrain.speed > 0.0
+    return passable if terrain.barred is None else passable & ~terrain.barred.near
 
 
 def _known_window(

@@ -37,7 +37,7 @@ class WaypointPlanner:
         inner = inner_cells(goals, config.waypoint_tolerance_m / terrain.grid.resolution_m)
         here = terrain.cell(robot.x_m, robot.y_m)
         for cells in (inner, goals):
-            field = travel_time_m(terrain.speed, cells, terrain.grid.resolution_m, here, BEYOND_ROBOT_M)
+            field = travel_time_m(terrain.speed, cells, terrain.grid.resolution_m, [[here]], BEYOND_ROBOT_M)
             if math.isfinite(field[here]):
                 path = before_barred(terrain, descend(terrain, field, *here), robot)
                 return Route("drive_to", path, float(field[here]))
@@ -56,7 +56,7 @@ def before_barred(
     here, r = terrain.cell(robot.x_m, robot.y_m), terrain.grid.resolution_m
     end = np.zeros(terrain.grid.shape, dtype=bool)
     end[terrain.cell(*path[-1])] = True
-    own_way = descend(terrain, travel_time_m(others, end, r, here, BEYOND_ROBOT_M), *here)
+    own_way = descend(terrain, travel_time_m(others, end, r, [[here]], BEYOND_ROBOT_M), *here)
     cells = terrain.grid.cells_of(np.array(own_way))
     if clearance_m(barred.near, r)[cells[:, 0], cells[:, 1]].min() > _NEAR_M:
         return path

@@ -16,7 +16,7 @@ def promising_candidates(context: StepContext) -> list[Option]:
     state = context.state
     return [
         object_option(context, o)
-        for o in objects.promising(context.maps.objects, state, context.config)
+        for o in objects.promising(context.possible_targets, state, context.config)
         if not objects.is_confirmed(o, state.target)
         and o.id != state.here.accepted_object
         and not is_left_alone(context, o)
@@ -26,7 +26,7 @@ def promising_candidates(context: StepContext) -> list[Option]:
 
 def all_candidates(context: StepContext) -> list[Option]:
     """All objects that may be the target, however unlikely: for when nothing is left to explore."""
-    known = objects.candidates(context.maps.objects, context.state, context.config)
+    known = objects.candidates(context.possible_targets, context.state, context.config)
     return [object_option(context, o, is_fallback=True) for o in known if not is_left_alone(context, o)]
 
 

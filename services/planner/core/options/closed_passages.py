@@ -17,7 +17,7 @@ def closed_passages(context: StepContext) -> list[Option]:
 
     No option if nothing is known to lie behind them.
     """
-    closed = context.closed_passages
+    closed = context.reach.closed_passages
     if not closed or not (why := _what_is_behind(context, closed)):
         return []
     alone = ((area, _what_is_behind(context, (area,))) for area in closed)

@@ -10,7 +10,7 @@ from surveilnav.services.planner.core.options.option import Option
 
 def confirmed_objects(context: StepContext) -> list[Option]:
     """The confirmed targets of this floor that the robot may head for."""
-    known = objects.candidates(context.maps.objects, context.state, context.config)
+    known = objects.candidates(context.possible_targets, context.state, context.config)
     return [
         object_option(context, o)
         for o in known

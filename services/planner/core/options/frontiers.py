@@ -5,12 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from surveilnav.services.planner.core.context import RatedFrontier, StepContext
-from surveilnav.services.planner.core.goals.frontier_access import (
-    available_frontiers,
-    current_frontier,
-    split_by_access,
-)
-from surveilnav.services.planner.core.goals.frontiers import Frontier, rank
+from surveilnav.services.planner.core.goals.frontier_access import available_frontiers, current_frontier
+from surveilnav.services.planner.core.goals.frontiers import Frontier, exploring_cost_m, rank
 from surveilnav.services.planner.core.goals.stairs import path_to_floor_goal
 from surveilnav.services.planner.core.options.option import Option
 from surveilnav.services.planner.core.places.rule import by_places
@@ -20,7 +16,7 @@ def frontiers(context: StepContext) -> list[Option]:
     """The frontiers that can be reached without narrow gaps. A robot on its way to another floor doesn't explore on the way."""
     if path_to_floor_goal(context) is not None:
         return []
-    return _options(context, split_by_access(context)[0])
+    return _options(context, context.frontiers_by_access[0])
 
 
 def constrained_frontiers(context: StepContext) -> list[Option]:
@@ -40,8 +36,8 @@ def by_chance_per_metre(context: StepContext, found: Sequence[Frontier]) -> list
             f,
             min(1.0, config.explore_chance * f.relative_chance),
             config.explore_chance * f.score,
+            exploring_cost_m(f, config),
             why,
-            config.explore_cost_m,
         )
         for f in ranked
     ]
@@ -54,9 +50,11 @@ def only(context: StepContext, chosen: Frontier, compared: Sequence[Frontier], w
     others are never chosen.
     """
     chance = context.config.explore_chance
-    worth = chance / (chosen.travel_time_m + context.config.explore_cost_m)
-    cost_m = context.config.explore_cost_m
-    return [RatedFrontier(f, chance, worth if f is chosen else 0.0, why, cost_m) for f in compared]
+    worth = chance / exploring_cost_m(chosen, context.config)
+    return [
+        RatedFrontier(f, chance, worth if f is chosen else 0.0, exploring_cost_m(f, context.config), why)
+        for f in compared
+    ]
 
 
 def _options(context: StepContext, found: Sequence[Frontier]) -> list[Option]:
@@ -72,10 +70,10 @@ def _option(context: StepContext, rated: RatedFrontier, *, is_current: bool) -> 
         f.x_m,
         f.y_m,
         rated.chance,
-        f.travel_time_m + rated.spend_m,
+        rated.cost_m,
         rated.utility,
         f"{rated.why}, {f.travel_time_m:.1f} m",
         frontier=f,
         is_current=is_current,
-        spend_m=rated.spend_m,
+        spend_m=rated.cost_m - f.travel_time_m,
     )

@@ -39,7 +39,7 @@ def last_resort(context: StepContext) -> list[Option]:
 def likeliest_last_resort(context: StepContext) -> ObjectRecord | None:
     """The last resort that was accepted before, while it still is one; else the likeliest that a way leads to."""
     state = context.state
-    last_resorts = objects.last_resorts(context.maps.objects, state, context.config)
+    last_resorts = objects.last_resorts(context.possible_targets, state, context.config)
     accepted = next((o for o in last_resorts if o.id == state.here.accepted_object), None)
     return accepted or next((o for o in last_resorts if is_reachable(context, o)), None)
 

@@ -7,6 +7,8 @@ views of that floor's cameras are pending: they may show the target here, and th
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from surveilnav.services.planner.core.context import StepContext
 from surveilnav.services.planner.core.goals.floors import (
     chance_here,
@@ -18,8 +20,6 @@ from surveilnav.services.planner.core.goals.floors import (
 )
 from surveilnav.services.planner.core.goals.stairs import PathToFloor, path_to_floor_goal, paths_to_floors
 from surveilnav.services.planner.core.memory.floor_goal import FloorGoal
-from surveilnav.services.planner.core.options.candidates import promising_candidates
-from surveilnav.services.planner.core.options.confirmed_objects import confirmed_objects
 from surveilnav.services.planner.core.options.option import Option
 
 
@@ -27,12 +27,22 @@ def other_floors(context: StepContext) -> list[Option]:
     """The floor that the robot is heading for, else those whose cameras saw the target clearly better than those here did."""
     goal, path = context.state.floor_goal, path_to_floor_goal(context)
     if goal is not None and path is not None:
-        found = [stairs_option(context, path, goal, evidence(context, goal.to_floor))]
-    elif never_leaves(context) or context.maps.pending_views:
+        return [stairs_option(context, path, goal, evidence(context, goal.to_floor))]
+    if never_leaves(context) or context.maps.pending_views:
         return []
-    else:
-        found = [_by_evidence(context, floor, path) for floor, path in _with_better_evidence(context).items()]
-    return [] if found and _objects_come_first(context, is_on_the_way=found[0].is_current) else found
+    return [_by_evidence(context, floor, path) for floor, path in _with_better_evidence(context).items()]
+
+
+def unless_objects_come_first(options: Sequence[Option]) -> list[Option]:
+    """The options without stairs that aren't weighed at all, because of an object here, which costs less to look at than to come
+    back for.
+
+    That is a confirmed target or, if the robot isn't on its way to the stairs yet, any promising object.
+    """
+    here = {option.kind for option in options if not option.is_accepted}
+    return [
+        o for o in options if o.kind != "stairs" or not ("target" in here or ("candidate" in here and not o.is_current))
+    ]
 
 
 def unsearched_floors(context: StepContext) -> list[Option]:
@@ -72,14 +82,6 @@ def stairs_option(
         floor_goal=goal,
         is_current=waypoint is not None and waypoint.kind == "stairs",
     )
-
-
-def _objects_come_first(context: StepContext, *, is_on_the_way: bool) -> bool:
-    """Whether stairs aren't weighed at all, because of an object here, which costs less to look at than to come back for.
-
-    That is a confirmed target or, if the robot isn't on its way to the stairs yet, any promising object.
-    """
-    return bool(confirmed_objects(context)) or (not is_on_the_way and bool(promising_candidates(context)))
 
 
 def _with_better_evidence(context: StepContext) -> dict[str, PathToFloor]:

@@ -18,7 +18,7 @@ def unchosen_objects(context: StepContext, listed: Collection[Candidate]) -> tup
     """The likeliest of these objects that aren't ``listed`` already, each with its utility and why it isn't chosen."""
     state = context.state
     known = {c.object_id for c in listed}
-    others = [o for o, _ in objects.possible_targets(context.maps.objects, state.target) if o.id not in known]
+    others = [o for o in context.possible_targets if o.id not in known]
     others.sort(key=lambda o: (-objects.chance(o, state.target), o.id))
     return tuple(_candidate(context, o) for o in others[:_MAX_OBJECTS])
 
@@ -40,7 +40,7 @@ def _why_not(context: StepContext, record: ObjectRecord, *, confirmed: bool) -> 
     if is_blacklisted(context, record):
         return "going there failed"
     if is_behind_passage(context, record):
-        names = " or ".join(area.name for area in context.closed_passages)
+        names = " or ".join(area.name for area in context.reach.closed_passages)
         return f"it is behind {names}, which is closed"
     if not is_reachable(context, record):
         return "no way leads there yet"

@@ -23,10 +23,10 @@ def by_places(context: StepContext, found: Sequence[Frontier]) -> list[RatedFron
     spent_m = expected_way_m(chances, model.within_m)
     rated = []
     for f, chance, beyond_m in zip(found, chances, spent_m, strict=True):
-        utility = chance / (f.travel_time_m + beyond_m)
-        k = int(np.argmax(utility))
+        cost_m = f.travel_time_m + beyond_m
+        k = int(np.argmax(chance / cost_m))
         why = f"{100 * chance[k]:.0f} % within {model.within_m[k]:g} m beyond"
-        rated.append(RatedFrontier(f, float(chance[k]), float(utility[k]), why, float(beyond_m[k])))
+        rated.append(RatedFrontier(f, float(chance[k]), float(chance[k] / cost_m[k]), float(cost_m[k]), why))
     return rated
 
 
