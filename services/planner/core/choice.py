@@ -24,7 +24,7 @@ from surveilnav.services.planner.core.options.second_looks import second_looks
 from surveilnav.services.planner.core.sequence import least_expected_way
 
 #: Only options of the first group that has any are compared. The first two groups search the floor; the others say what is done
-#: once nothing on it is left to explore or to look at.
+#: once it counts as searched: all is explored that no narrow gap hides, and all looked at that may be the target.
 GROUPS: tuple[tuple[Proposer, ...], ...] = (
     (accepted_object, confirmed_objects, promising_candidates, other_floors, frontiers),
     (all_candidates,),

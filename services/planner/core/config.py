@@ -33,8 +33,8 @@ class PlannerConfig(BaseModel):
 
     strategy: Literal["greedy", "object", "region", "places"] = Field(
         "region",
-        description="what ranks frontiers. The paper's three strategies: greedy takes the nearest, object the relevance of "
-        "objects near the frontier, region the value map. places: a learned model of what lies beyond them",
+        description="what ranks frontiers. The paper's three strategies: greedy knows their width and the way only, object "
+        "adds the relevance of objects near the frontier, region the value map. places: a learned model of what lies beyond them",
     )
     choice: Literal["utility", "sequence", "paper"] = Field(
         "utility",
@@ -132,7 +132,8 @@ class PlannerConfig(BaseModel):
         3.0, description="strategy object: objects within this distance of a frontier count for it"
     )
     value_gain: float = Field(
-        1.0, description="the frontier of the highest value has 1 + this times the chance of the one of the lowest"
+        1.0,
+        description="the frontier of the highest value has (1 + value_gain) times the chance of the one of the lowest",
     )
     exploit: Literal["adaptive", "always"] = Field(
         "adaptive",
@@ -162,7 +163,10 @@ class PlannerConfig(BaseModel):
     patience_steps: int = Field(
         20, description="a waypoint that the robot gets no nearer to for this many steps is blacklisted"
     )
-    blacklist_steps: int = Field(60, description="how long a place is left alone after the robot failed to reach it")
+    blacklist_steps: int = Field(
+        60,
+        description="how long a place is left alone after the robot failed to reach it, unless nothing else of its kind is left",
+    )
     detour_m: float = Field(
         0.5, description="a way that becomes longer by this is a new way, for which patience begins anew"
     )

@@ -56,8 +56,8 @@ class StepContext:
     """Everything that is known at this step.
 
     Asking it never changes anything. ``state`` is the step's own copy; what the robot does changes it through the methods of
-    ``MissionState``. ``reach``: the maps, and where the robot can get to; ``retries_blacklisted``: nothing else is left, so only
-    what is blacklisted permanently counts as blacklisted.
+    ``MissionState``. ``reach``: the maps, and where the robot can get to. ``retries_blacklisted``: a group of options has nothing
+    else left, so only what is blacklisted permanently counts as blacklisted.
     """
 
     state: MissionState

@@ -28,7 +28,7 @@ class Decision:
         error: the failure's name, empty if the mission didn't fail.
         object_id: the object that the waypoint is at, if any.
         waypoint_pose: where the robot is to drive, with the action ``drive_to``.
-        waits_for: the ids of closed passages of this floor, one of which has to open before the mission can go on.
+        waits_for: the ids of closed passages of this floor; once one of them isn't closed any more, the mission decides anew.
     """
 
     action: str | None

@@ -65,7 +65,7 @@ def expected_way_m(
     in vain is left out, because it is the same for every order.
 
     Args:
-        chance: (n,) that the target is found at each option, 0 to 1; at most 16 options.
+        chance: (n,) that the target is found at each option, 0 to 1; at most 16 options (``sequence_options`` allows 10).
         spend_m: (n,) what is spent there on looking or exploring.
         first_m: (n,) the way from the robot. ``between_m``: (n, n) the way from one (row) to another (column).
     """

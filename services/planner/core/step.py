@@ -2,9 +2,11 @@
 
     perceive (StepContext) -> propose and choose (choice) -> drive (behaviours)
 
+Which files say what: ``core/__init__.py``. What options are worth: ``options/__init__.py``.
+
 Every activity is bounded, so every mission ends: scans, looks at objects, turns at frontiers, visits to a floor and failures
 of stairs are counted, a waypoint without progress is blacklisted, and one that failed twice (a confirmed target: four times)
-stays so.
+stays so. Only waiting for a door isn't bounded here; whoever runs the mission may cancel it.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Places that the robot failed to reach, and for how long it leaves each of them alone."""
+"""Places that the robot failed to reach, and frontiers that looking didn't explore; and how long it leaves each alone."""
 
 from __future__ import annotations
 

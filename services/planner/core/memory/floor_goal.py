@@ -11,8 +11,8 @@ class FloorGoal:
 
     Attributes:
         why: the reason, as a text that people are shown.
-        utility: the expected chance of finding the target there per metre of travel, comparable with the utilities of
-            objects and frontiers.
+        utility: the chance of finding the target there for each metre of travel, comparable with the utilities of objects
+            and frontiers. 0 if the robot sets out because nothing is left here.
     """
 
     to_floor: str

@@ -20,9 +20,11 @@ def closed_passages(context: StepContext) -> list[Option]:
     closed = context.reach.closed_passages
     if not closed or not (why := _what_is_behind(context, closed)):
         return []
-    alone = ((area, _what_is_behind(context, (area,))) for area in closed)
-    key, why = next(((found, reason) for found, reason in alone if reason), (None, why))
-    passages = (key,) if key else closed
+    passages = closed
+    for area in closed:
+        if behind := _what_is_behind(context, (area,)):
+            passages, why = (area,), behind
+            break
     x_m, y_m = passages[0].outline_m[0]
     return [Option("passage", x_m, y_m, 0.0, 0.0, 0.0, why, passages=tuple(passages), is_fallback=True)]
 

@@ -30,7 +30,7 @@ def by_chance_per_metre(context: StepContext, found: Sequence[Frontier]) -> list
     if config.strategy == "places":
         return by_places(context, found)
     ranked, by_value = rank(found, context.maps, context.state.target, config)
-    why = "by value" if by_value else "nearest"
+    why = "by value, width and way" if by_value else "by width and way"
     return [
         RatedFrontier(
             f,

@@ -28,11 +28,11 @@ class Option:
         chance: that the target is found there, 0 to 1.
         cost_m: the expected way until then, in metres: the travel time there, and what looking or exploring there takes.
             ``spend_m``: the latter alone.
-        utility: what options are compared by; ``chance / cost_m`` unless the proposer says why not.
+        utility: what options are compared by; ``chance / cost_m``, but for the exceptions in ``options/__init__.py``.
         why: for people.
         record: the object. ``frontier``, ``stairs`` with ``floor_goal``, ``passages``: what the other kinds are about.
         is_current: the robot is heading for it already.
-        is_fallback: it is proposed only because nothing better is left.
+        is_fallback: it is a look around, a wait or a last resort: to turn to it is no oscillation.
         is_accepted: the object is taken for the target on weaker evidence, unless the robot's views contradict that.
     """
 
@@ -64,4 +64,4 @@ class Option:
 
 
 Proposer = Callable[["StepContext"], list[Option]]
-"""Proposes options of one kind. It changes nothing."""
+"""Proposes options. It changes nothing."""

@@ -1,8 +1,8 @@
 """Going to another floor: the one that the robot is heading for, one whose cameras saw the target, or one not searched yet.
 
 The robot never swings between floors. It leaves one unsearched only for a floor that it hasn't visited and whose cameras'
-evidence is better by a margin. It never searches a floor twice, and its visits are limited. It doesn't leave a floor either while
-views of that floor's cameras are pending: they may show the target here, and the way back is long.
+evidence is better by a margin. It never searches a floor twice, and its visits are limited. Nor does it
+set out by evidence while views of this floor's cameras are pending: they may show the target here, and the way back is long.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def unless_objects_come_first(options: Sequence[Option]) -> list[Option]:
 
 
 def unsearched_floors(context: StepContext) -> list[Option]:
-    """The floors not searched yet, for when this one is.
+    """The floors that aren't searched yet, proposed once this one is.
 
     Only the best is proposed: that whose cameras saw the target with the highest confidence, else the nearest.
     """
@@ -60,7 +60,7 @@ def unsearched_floors(context: StepContext) -> list[Option]:
     if chosen is None:
         return []
     by_evidence = f"the cameras of floor {chosen} saw {context.state.target!r} with {seen[chosen]:.2f}"
-    why = by_evidence if seen[chosen] else f"floor {chosen} is the nearest that isn't"
+    why = by_evidence if seen[chosen] else f"floor {chosen} is the nearest that isn't searched"
     goal = FloorGoal(chosen, f"floor {context.state.floor} is searched; {why}")
     return [stairs_option(context, paths[chosen], goal, seen[chosen])]
 
@@ -68,7 +68,7 @@ def unsearched_floors(context: StepContext) -> list[Option]:
 def stairs_option(
     context: StepContext, path: PathToFloor, goal: FloorGoal, chance: float, utility: float | None = None
 ) -> Option:
-    """Taking the first stairs on the path to a floor. Its utility is the one for which the robot set out (``goal.utility``)."""
+    """Taking the first stairs on the path to a floor. ``utility``: None once the robot has set out; then it is the goal's."""
     (x_m, y_m), waypoint = path.first_stairs.at_m[:2], context.state.waypoint
     return Option(
         "stairs",
