@@ -5,6 +5,7 @@ context     all that is known at a step; reach: where the robot can get to, work
 choice      the decision: what is proposed, and by which rule one option is chosen (choice_rules, sequence)
 options/    what the robot could do next, a file for each kind; nothing here changes anything
 goals/      what is known of objects, frontiers, floors and stairs (questions only)
+places/     a learned model of what lies beyond frontiers
 memory/     what a mission remembers, and every method that changes it
 motion/     how it gets there: terrain, Fast Marching, the local planner
 behaviours/ what it does about the chosen option: explore, approach an object, take stairs
