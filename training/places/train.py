@@ -26,6 +26,7 @@ from sklearn.preprocessing import StandardScaler
 
 from surveilnav.benchmark.dataset.splits import is_real_home
 from surveilnav.services.planner.core.places.features import GEOMETRY, of_target
+from surveilnav.services.planner.core.places.rule import expected_way_m
 from surveilnav.simulator.world.labels import TARGETS
 from training.places.rows import CONFIRMED, LABELS
 from training.places.trees import to_onnx
@@ -152,13 +153,6 @@ IDEAS: dict[str, Callable[[], OneEach]] = {
 }
 
 
-def expected_left_m(chances: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n,) the way beyond to expect by the chances (n, k) of ``WITHIN_M``; beyond the last of them 1.5 times it counts."""
-    edges = np.array([0.0, *WITHIN_M, 2.0 * WITHIN_M[-1]])
-    share = np.diff(np.concatenate([np.zeros((len(chances), 1)), chances, np.ones((len(chances), 1))], axis=1), axis=1)
-    return np.asarray(share @ ((edges[1:] + edges[:-1]) / 2))
-
-
 def folds_of(rows: Rows) -> NDArray[np.int64]:
     """(n,) the fold that a row is held out in: generated buildings in five, each real home in its own."""
     buildings = [s.rpartition("-s")[0] for s in rows.scenes]
@@ -210,7 +204,7 @@ def gate(rows: Rows, ideas: Sequence[str]) -> None:
     rules["width per metre (ours without values)"] = width, -width / (travel + 3.0)
     for name in ideas:
         chances = held_out(rows, IDEAS[name])
-        rules[f"{name}, least way"] = chances[:, 1], travel + expected_left_m(chances)
+        rules[f"{name}, least way"] = chances[:, 1], travel + expected_way_m(chances, np.array(WITHIN_M))
         rules[f"{name}, chance per metre"] = chances[:, 1], -chances[:, 1] / (travel + 3.0)
         print(f"{name}: done", flush=True)
     for where, here in (("generated buildings", ~real), ("real homes", real)):

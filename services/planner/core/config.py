@@ -146,6 +146,12 @@ class PlannerConfig(BaseModel):
     )
     explore_cost_m: float = Field(3.0, description="cost of exploring beyond a frontier, in addition to the way to it")
     explore_chance: float = Field(0.12, description="chance that exploring one frontier finds the target")
+    places_certainty: float = Field(
+        0.2,
+        gt=0,
+        le=1,
+        description="strategy places: a frontier counts like an object of this chance at the end of the way that the model expects",
+    )
     reached_m: float = Field(
         0.45, description="the robot has reached a frontier, or a place to look around from, within this distance"
     )

@@ -131,15 +131,14 @@ ascending = st.lists(st.floats(0.0, 1.0), min_size=3, max_size=3).map(sorted)
 
 @given(ascending)
 def test_the_expected_way_is_that_of_many_draws(chances):
-    """Against draws of where the target lies: whoever explores up to a distance walks so far, or to the target."""
+    """Against draws of where the target lies, as likely anywhere between two distances."""
     within_m = np.array([2.0, 5.0, 12.0])
-    edges = [0.0, *chances, 1.0]
     u = (np.arange(4000) + 0.5) / 4000
-    lies_m = np.interp(u, [*edges[:-1], 1.0 + 1e-9], [0.0, *within_m, 1e9])
-    beyond = u > chances[-1]
-    lies_m[beyond] = np.inf
-    expected = [np.minimum(lies_m, r).mean() for r in within_m]
-    assert expected_way_m(np.array([chances]), within_m)[0] == pytest.approx(expected, abs=0.05)
+    k = np.searchsorted(chances, u, side="right")
+    low, high = np.array([0.0, *within_m])[k], np.array([*within_m, 24.0])[k]
+    below, above = np.array([0.0, *chances])[k], np.array([*chances, 1.0])[k]
+    lies_m = low + (high - low) * (u - below) / np.maximum(above - below, 1e-12)
+    assert expected_way_m(np.array([chances]), within_m)[0] == pytest.approx(lies_m.mean(), abs=0.05)
 
 
 def test_a_search_by_places_explores_what_is_likely(world):
@@ -152,7 +151,8 @@ def test_a_search_by_places_explores_what_is_likely(world):
     assert rated
     assert rated == by_chance_per_metre(context, context.reach.frontiers)
     for r in rated:
-        assert 0.0 < r.chance < 1.0
+        assert r.chance == config.places_certainty
+        assert r.cost_m > r.frontier.travel_time_m
         assert r.utility == pytest.approx(r.chance / r.cost_m)
         assert "beyond" in r.why
 
