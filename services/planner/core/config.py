@@ -150,7 +150,7 @@ class PlannerConfig(BaseModel):
         0.2,
         gt=0,
         le=1,
-        description="strategy places: a frontier counts like an object of this chance at the end of the way that the model expects",
+        description="strategy places: a frontier counts like an object of this chance at the end of the way that is expected",
     )
     reached_m: float = Field(
         0.45, description="the robot has reached a frontier, or a place to look around from, within this distance"
