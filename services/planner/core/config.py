@@ -216,7 +216,7 @@ class PlannerConfig(BaseModel):
         description="an unconfirmed object that the robot looked at from near by is accepted from this chance on",
     )
     max_look_places: int = Field(
-        2,
+        1,
         ge=1,
         description="an object that cameras saw and the robot doesn't see from near by is looked at from so many places, before "
         "what the cameras say is believed",
