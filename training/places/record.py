@@ -1,7 +1,7 @@
 """Plays searches and records the states of their maps, for training; what is there already is kept.
 
-python -m training.places.record --out data/places --scenes 0:300 --searches 3          # generated buildings of no split
-python -m training.places.record --out data/places --root data/objectnav --per-scene 3  # those of train
+python -m training.places.record --out data/places --scenes 0:300 --searches 3         # generated buildings of no split
+python -m training.places.record --out data/places --root data/objectnav --searches 8  # those of train
 """
 
 from __future__ import annotations
@@ -74,7 +74,8 @@ def record(job: Job) -> str:
         if not path.is_file():
             writer = StateWriter(label)
             result = play(writer.on_step)
-            (folder / "rows.jsonl").open("a").write(json.dumps(result) + "\n")
+            with (folder / "rows.jsonl").open("a") as file:
+                file.write(json.dumps(result) + "\n")
             writer.write(path)
         n += 1
     (folder / "done").touch()

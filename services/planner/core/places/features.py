@@ -17,6 +17,7 @@ from surveilnav.services.planner.core.inputs import FloorMaps
 
 #: Cells of the coarse map that is looked at: free, an obstacle, unknown.
 FREE, OCCUPIED, UNKNOWN = 0, 1, 2
+#: Their side, or the next multiple of the map's resolution.
 _CELL_M = 0.2
 #: A coarse cell is an obstacle if so much of it is, and else known if so much of it is.
 _OCCUPIED_SHARE, _KNOWN_SHARE = 0.25, 0.5
@@ -81,16 +82,17 @@ class FrontierFeatures:
         """``labels``: the classes of objects that are looked at."""
         self._grid, self._robot_xy_m = maps.grid, robot_xy_m
         self._cells = coarse_cells(maps)
+        self._cell_m = cells_across(maps.grid.resolution_m) * maps.grid.resolution_m
         kept = [o for o in maps.objects if o.status != "rejected"]
         self._places = np.array([o.center_m[:2] for o in kept]).reshape(-1, 2)
         self._chances = np.array([[o.label_scores.get(label, 0.0) for label in labels] for o in kept])
         self._n_labels = len(labels)
         free_of_obstacles = (self._cells != OCCUPIED).astype(np.uint8)
-        self._clearance_m = cv2.distanceTransform(free_of_obstacles, cv2.DIST_L2, 5) * _CELL_M
+        self._clearance_m = cv2.distanceTransform(free_of_obstacles, cv2.DIST_L2, 5) * self._cell_m
         known = np.argwhere(self._cells != UNKNOWN)
         ends = known if len(known) else np.zeros((1, 2), np.int64)
         self._low, self._high = ends.min(axis=0), ends.max(axis=0)
-        self._explored_m2 = float((self._cells == FREE).sum()) * _CELL_M**2
+        self._explored_m2 = float((self._cells == FREE).sum()) * self._cell_m**2
 
     def of(self, frontiers: Sequence[Frontier]) -> NDArray[np.float32]:
         """(n, len(GEOMETRY) + len(OBJECTS) * number of labels) float32: those of n frontiers that are compared."""
@@ -106,11 +108,11 @@ class FrontierFeatures:
     def _row(self, f: Frontier, nearest_m: float, n: int, rank: int) -> list[float]:
         row, col = self._cell_at(f.x_m, f.y_m)
         shares = [self._shares(row, col, r) for r in _WITHIN_M]
-        rays_m = _rays(self._cells, row, col, _N_RAYS, round(_RAY_M / _CELL_M)) * _CELL_M
+        rays_m = _rays(self._cells, row, col, _N_RAYS, round(_RAY_M / self._cell_m)) * self._cell_m
         unknown_m, free_m = rays_m[:, 0], rays_m[:, 1]
         turn_rad = np.arange(_N_RAYS) * (2 * math.pi / _N_RAYS) - self._outward_rad(row, col)
         ahead = np.cos(turn_rad) > math.cos(_AHEAD_RAD)
-        reach_m = _ways(self._cells, row, col, round(_REACH_M / _CELL_M)) * _CELL_M
+        reach_m = _ways(self._cells, row, col, round(_REACH_M / self._cell_m)) * self._cell_m
         to_edge = min(row - self._low[0], self._high[0] - row, col - self._low[1], self._high[1] - col)
         return [
             f.travel_time_m,
@@ -128,8 +130,8 @@ class FrontierFeatures:
             float(free_m[~ahead].max()),
             float(free_m.mean()),
             float(self._clearance_m[row, col]),
-            float(to_edge) * _CELL_M,
-            float(np.isfinite(reach_m).sum()) * _CELL_M**2,
+            float(to_edge) * self._cell_m,
+            float(np.isfinite(reach_m).sum()) * self._cell_m**2,
             rank,
             *self._objects(f, row, col, reach_m),
         ]
@@ -137,12 +139,15 @@ class FrontierFeatures:
     def _cell_at(self, x_m: float, y_m: float) -> tuple[int, int]:
         """The coarse cell at a place, the nearest one of the map if it lies outside."""
         rows, cols = self._cells.shape
-        row, col = int((y_m - self._grid.origin_y_m) // _CELL_M), int((x_m - self._grid.origin_x_m) // _CELL_M)
+        row, col = (
+            int((y_m - self._grid.origin_y_m) // self._cell_m),
+            int((x_m - self._grid.origin_x_m) // self._cell_m),
+        )
         return min(rows - 1, max(0, row)), min(cols - 1, max(0, col))
 
     def _shares(self, row: int, col: int, radius_m: float) -> list[float]:
         """The shares of free, occupied and unknown cells in a square; all is unknown beyond the map."""
-        k = round(radius_m / _CELL_M)
+        k = round(radius_m / self._cell_m)
         window = self._cells[max(0, row - k) : row + k + 1, max(0, col - k) : col + k + 1]
         counts = np.bincount(window.ravel(), minlength=3)
         n = (2 * k + 1) ** 2
@@ -151,7 +156,7 @@ class FrontierFeatures:
 
     def _outward_rad(self, row: int, col: int) -> float:
         """The direction from what is free near a cell to what is unknown near it."""
-        k = round(1.0 / _CELL_M)
+        k = round(1.0 / self._cell_m)
         window = self._cells[max(0, row - k) : row + k + 1, max(0, col - k) : col + k + 1]
         unknown, free = np.argwhere(window == UNKNOWN), np.argwhere(window == FREE)
         if not len(unknown) or not len(free):
@@ -175,9 +180,14 @@ class FrontierFeatures:
         return [*near[0].tolist(), *near[1].tolist(), *through.tolist()]
 
 
+def cells_across(resolution_m: float) -> int:
+    """How many cells of the map lie along the side of a coarse one."""
+    return max(1, round(_CELL_M / resolution_m))
+
+
 def coarse_cells(maps: FloorMaps) -> NDArray[np.uint8]:
-    """(rows, cols) uint8, FREE, OCCUPIED or UNKNOWN: the map in cells of 0.2 m."""
-    k = max(1, round(_CELL_M / maps.grid.resolution_m))
+    """(rows, cols) uint8, FREE, OCCUPIED or UNKNOWN: the map in coarse cells."""
+    k = cells_across(maps.grid.resolution_m)
     occupied = np.isin(maps.occupancy, (OBSTACLE, ESTIMATED_OBSTACLE, PRIOR_OBSTACLE))
     rows, cols = (n // k * k for n in occupied.shape)
 
