@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import onnxruntime
 from numpy.typing import NDArray
 
 from surveilnav.services.planner.core.goals.frontiers import Frontier
@@ -28,6 +27,8 @@ class Places:
     """
 
     def __init__(self, path: Path = FILE) -> None:
+        import onnxruntime  # takes 30 MB, which a planner that doesn't use the model needn't have
+
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = options.inter_op_num_threads = 1
         self._session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
