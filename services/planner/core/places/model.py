@@ -27,7 +27,7 @@ class Places:
     """
 
     def __init__(self, path: Path = FILE) -> None:
-        import onnxruntime  # takes 30 MB, which a planner that doesn't use the model needn't have
+        import onnxruntime  # takes 20 MB, which a planner that doesn't use the model needn't have
 
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = options.inter_op_num_threads = 1
