@@ -18,6 +18,7 @@ from surveilnav.cameras_file import load_cameras
 from tests.clicked_points import pose_error
 from tests.drawn_room import LANDMARKS, ORIGIN_M, RESOLUTION_M, T_WORLD_CAMERA, pixels_of, write_room
 from tests.page.conftest import PATIENCE_MS
+from tests.waiting import until
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="playwright isn't installed: pip install -e '.[dev]'")
 expect = sync_api.expect
@@ -205,6 +206,12 @@ def test_a_wrong_height_is_corrected_in_the_list(open_page):
     expect(page.locator("#points tr.bad")).to_have_count(0)
 
 
+def saved_points(page, n: int) -> list[dict[str, Any]]:
+    """The points that the command holds, once they are ``n``: the page shows a point before the command has heard of it."""
+    read = "async () => (await (await fetch('state')).json()).points"
+    return until(lambda: points if len(points := page.evaluate(read)) == n else None, "the command never got them")
+
+
 def test_the_top_of_a_door_takes_its_foots_place_from_the_marker(open_page):
     page = open_page()
     set_point(page, 0)
@@ -212,7 +219,7 @@ def test_the_top_of_a_door_takes_its_foots_place_from_the_marker(open_page):
     click(page, "picture", PICTURE_PX[2])
     click(page, "plan", PLAN_PX[0] + (4.0, 4.0))
     expect(rows(page)).to_have_count(2)
-    first, second = page.evaluate("async () => (await (await fetch('state')).json()).points")
+    first, second = saved_points(page, 2)
     assert second["plan_px"] == first["plan_px"]
     assert (first["z_m"], second["z_m"]) == (0, 2)
 
@@ -229,8 +236,7 @@ def test_one_clicks_to_a_fraction_of_a_pixel_when_zoomed_in(open_page):
         click(page, "plan", (100 + 50 * number, 200))
         expect(rows(page)).to_have_count(number + 1)
     page.keyboard.press("Shift+ArrowRight")  # the plan has the focus
-    page.wait_for_load_state("networkidle")
-    first, second = page.evaluate("async () => (await (await fetch('state')).json()).points")
+    first, second = saved_points(page, 2)
     shown = on_screen(page, "picture", first["px"])  # before the zoom
     assert shown == pytest.approx(middle, abs=0.1)
     assert np.subtract(second["px"], first["px"]) == pytest.approx(
