@@ -25,6 +25,7 @@ from surveilnav.messages import ObjectRecord
 from surveilnav.services.fusion.core import FusionConfig
 from surveilnav.services.planner.core import PlannerConfig, RobotView
 from surveilnav.services.planner.core.context import RatedFrontier, StepContext
+from surveilnav.services.planner.core.goals.frontier_access import frontier_at
 from surveilnav.services.planner.core.goals.frontiers import Frontier
 from surveilnav.services.planner.core.options.frontiers import by_chance_per_metre, only
 
@@ -78,9 +79,7 @@ class LlmRule:
         """The frontier that was last chosen, also where it moved a little; None: it isn't there any more."""
         if self._goal is None or self._goal[0] != context.robot.floor:
             return None
-        nearest = min(found, key=lambda f: math.dist((f.x_m, f.y_m), self._goal[1:]))  # type: ignore[index]
-        away_m = math.dist((nearest.x_m, nearest.y_m), self._goal[1:])
-        return nearest if away_m <= 1.5 * context.config.same_place_m else None
+        return frontier_at(self._goal[1:], found, 1.5 * context.config.same_place_m)
 
     def _ask(self, context: StepContext, listed: Sequence[Frontier]) -> Frontier | None:
         """The frontier of the highest score, of equals the nearest; None: there is no answer that can be used."""

@@ -29,7 +29,7 @@ from surveilnav.services.planner.core.motion.terrain import build_terrain, coars
 from surveilnav.services.planner.core.places.features import FrontierFeatures
 from surveilnav.services.planner.core.places.model import best_chance
 from surveilnav.simulator.world.labels import TARGETS
-from training.places.states import State, Truth, read_states
+from training.places.states import State, TrueWays, read_states
 
 #: The classes of objects that are looked at: COCO's that furnish rooms.
 LABELS = ("bed", "couch", "chair", "toilet", "tv", "potted plant", "dining table", "sink", "oven", "refrigerator")
@@ -44,7 +44,7 @@ def frontiers_of(state: State) -> list[Frontier]:
     return find_frontiers(state.maps, terrain, travel_time_m, config)
 
 
-def rows_of(state: State, truth: Truth) -> dict[str, NDArray[np.float32]] | None:
+def rows_of(state: State, truth: TrueWays) -> dict[str, NDArray[np.float32]] | None:
     """The rows of a state (without ``state``); None if there is nothing to choose."""
     found = frontiers_of(state)
     if len(found) < 2:
@@ -70,7 +70,7 @@ def extract(folder: Path, out: Path) -> str:
     path, began_s = out / f"{folder.name}.npz", time.monotonic()
     if path.is_file():
         return ""
-    truth = Truth(folder / "truth.npz")
+    truth = TrueWays(folder / "truth.npz")
     found: list[dict[str, NDArray[np.float32]]] = []
     for search in sorted(p for p in folder.glob("*.npz") if p.name != "truth.npz"):
         for state in read_states(search):

@@ -1,7 +1,7 @@
 """States of the joint maps, recorded while searches are played, and how far every goal category truly was from everywhere.
 
-There is a file for each search (``StateWriter``) and one for each building (``Truth``), so that features can be changed without
-playing anew.
+There is a file for each search (``StateWriter``) and one for each building (``TrueWays``), so that features can be changed
+without playing anew.
 """
 
 from __future__ import annotations
@@ -132,7 +132,7 @@ def write_truth(path: Path, building: SimulatedBuilding) -> None:
         np.savez_compressed(file, grids=np.frombuffer(json.dumps(grids).encode(), np.uint8), **arrays)
 
 
-class Truth:
+class TrueWays:
     """The distances that ``write_truth`` wrote."""
 
     def __init__(self, path: Path) -> None:

@@ -25,7 +25,7 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
 from surveilnav.benchmark.dataset.splits import is_real_home
-from surveilnav.services.planner.core.places.features import GEOMETRY, of_target
+from surveilnav.services.planner.core.places.features import GEOMETRY, names, of_target
 from surveilnav.services.planner.core.places.rule import expected_way_m
 from surveilnav.simulator.world.labels import TARGETS
 from training.places.rows import CONFIRMED, LABELS
@@ -143,11 +143,11 @@ def _logistic() -> Any:
     return make_pipeline(StandardScaler(), LogisticRegression(C=0.1, max_iter=300))
 
 
-_N_GEOMETRY = len(GEOMETRY)
+_N_GEOMETRY, _N_INPUTS = len(GEOMETRY), len(names(LABELS, TARGETS))
 IDEAS: dict[str, Callable[[], OneEach]] = {
     "boosted trees": lambda: OneEach(trees),
     "boosted trees, without objects": lambda: OneEach(trees, [*range(_N_GEOMETRY), *range(-len(TARGETS), 0)]),
-    "boosted trees, without geometry": lambda: OneEach(trees, [0, *range(_N_GEOMETRY, _N_GEOMETRY + 40)]),
+    "boosted trees, without geometry": lambda: OneEach(trees, [0, *range(_N_GEOMETRY, _N_INPUTS)]),
     "network of two layers": lambda: OneEach(_network, weighs=False),
     "logistic regression": lambda: OneEach(_logistic, weighs=False),
 }

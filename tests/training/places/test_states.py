@@ -11,7 +11,7 @@ import pytest
 from surveilnav.geometry import Grid, camera_pose
 from surveilnav.services.planner.core import FloorMaps
 from training.places.rows import rows_of
-from training.places.states import EVERY_STEPS, StateWriter, Truth, read_states
+from training.places.states import EVERY_STEPS, StateWriter, TrueWays, read_states
 
 GRID = Grid(-1.0, 2.0, 0.05, 81, 122)
 
@@ -50,12 +50,12 @@ def test_a_state_is_read_as_it_was_written(state):
     assert state.maps.value.shape == maps.value.shape
 
 
-def truth_at(path, distance_m) -> Truth:
+def truth_at(path, distance_m) -> TrueWays:
     grids = json.dumps({"0": [GRID.origin_x_m, GRID.origin_y_m, GRID.resolution_m, GRID.rows, GRID.cols]})
     np.savez_compressed(
         path, grids=np.frombuffer(grids.encode(), np.uint8), **{"chair/0": distance_m.astype(np.float16)}
     )
-    return Truth(path)
+    return TrueWays(path)
 
 
 def test_rows_hold_the_true_way_beyond_each_frontier(state, tmp_path):

@@ -40,8 +40,16 @@ def split_by_access(context: StepContext) -> tuple[list[Frontier], list[Frontier
 def current_frontier(context: StepContext, frontiers: Sequence[Frontier], within_m: float) -> Frontier | None:
     """The frontier nearest to the one that the robot is heading for; None: none within this distance, or it isn't exploring."""
     waypoint = context.state.waypoint
-    if waypoint is None or waypoint.kind != "frontier" or not frontiers:
+    if waypoint is None or waypoint.kind != "frontier":
         return None
-    place = waypoint.x_m, waypoint.y_m
-    nearest = min(frontiers, key=lambda f: math.dist((f.x_m, f.y_m), place))
-    return nearest if math.dist((nearest.x_m, nearest.y_m), place) <= within_m else None
+    return frontier_at((waypoint.x_m, waypoint.y_m), frontiers, within_m)
+
+
+def frontier_at(place: tuple[float, float], frontiers: Sequence[Frontier], within_m: float) -> Frontier | None:
+    """The frontier nearest to a place (x, y) [m]; None: there is none within this distance."""
+
+    def away_m(frontier: Frontier) -> float:
+        return math.dist((frontier.x_m, frontier.y_m), place)
+
+    nearest = min(frontiers, key=away_m, default=None)
+    return nearest if nearest is not None and away_m(nearest) <= within_m else None

@@ -83,7 +83,9 @@ def goal_region(
     if (here := window.cell(terrain.cell(robot.x_m, robot.y_m))) is not None:
         near[here] = distance_m[here] <= config.inspect_m and (not looked_from or bool(reachable[here]))
     sight = _sight_lines(around, record, near, floor_z_m)
-    for option in _ground_options(window, sight, config, anywhere=not looked_from):
+    # a new place to look from is wanted soon rather than as near as can be
+    distances_m = (_CLOSE_M,) if looked_from else (config.standoff_m, config.stop_m, _CLOSE_M)
+    for option in _ground_options(window, sight, config, distances_m):
         regions = [(d, option.ground & reachable & (distance_m <= d)) for d in option.distances_m]
         times_m = [float(time_m[goals].min(initial=math.inf)) for _, goals in regions]
         for (nearest_m, goals), least_m in zip(regions, times_m, strict=True):
@@ -219,9 +221,9 @@ class _GroundOption(NamedTuple):
 
 
 def _ground_options(
-    window: _Window, sight: _SightLines, config: PlannerConfig, *, anywhere: bool
+    window: _Window, sight: _SightLines, config: PlannerConfig, distances_m: tuple[float, ...]
 ) -> tuple[_GroundOption, ...]:
-    """Where the robot may stand, best first. If not ``anywhere`` near the object, it needn't be as near as it could be.
+    """Where the robot may stand, best first. ``distances_m``: to the object, to try on ground that is known, from near to far.
 
     1. Known ground with sight of the object, where the robot fits.
     2. The same, with only the furniture in between that the object stands on.
@@ -233,7 +235,6 @@ def _ground_options(
     known, clearance_m = window.terrain.known[window.slices], window.terrain.clearance_m[window.slices]
     fits = clearance_m >= config.robot_radius_m
     almost_fits = clearance_m >= config.robot_radius_m - window.terrain.grid.resolution_m
-    distances_m = (config.standoff_m, config.stop_m, _CLOSE_M) if anywhere else (_CLOSE_M,)
     return (
         _GroundOption(distances_m, sight.preferred & known & fits),
         _GroundOption(distances_m, sight.over_furniture & known & fits),

@@ -25,7 +25,10 @@ def constrained_frontiers(context: StepContext) -> list[Option]:
 
 
 def by_chance_per_metre(context: StepContext, found: Sequence[Frontier]) -> list[RatedFrontier]:
-    """Our ``FrontierRule``: the chance that exploring a frontier finds the target, for each metre of the way there and beyond."""
+    """Our ``FrontierRule``: the chance that exploring a frontier finds the target, for each metre of the way there and beyond.
+
+    With the strategy ``places`` a learned model says how long that way is (``places.rule.by_places``).
+    """
     config = context.config
     if config.strategy == "places":
         return by_places(context, found)
