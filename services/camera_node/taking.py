@@ -6,11 +6,8 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 from surveilnav.bus import BusSettings, Node
-from surveilnav.bus.lease import Slots
-from surveilnav.contract import CAMERA_SLOT
+from surveilnav.bus.lease import take_slot
 from surveilnav.errors import ConfigError
-
-_SLOTS = Slots(CAMERA_SLOT, "camera")
 
 
 @contextmanager
@@ -32,5 +29,5 @@ def take_camera(
         with Node("camera", name, bus) as node:
             yield name, node
         return
-    with _SLOTS.take(list_names, bus, where) as taken:
+    with take_slot("camera", list_names, bus, where) as taken:
         yield taken

@@ -7,16 +7,13 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from surveilnav.bus import BusSettings, Node
-from surveilnav.bus.lease import Slots
+from surveilnav.bus.lease import take_slot
 from surveilnav.bus.main import run_service, run_warm_up
-from surveilnav.contract import FUSION_SLOT
 from surveilnav.pictures import PictureSettings
 from surveilnav.services.fusion.config import FusionSettings
 from surveilnav.services.fusion.core.warm_up import warm_up
 from surveilnav.services.fusion.service import FusionService
 from surveilnav.services.fusion.shard import WHOLE_BUILDING, Shard
-
-_SLOTS = Slots(FUSION_SLOT, "fusion")
 
 
 def main() -> None:
@@ -37,7 +34,7 @@ def _shard(settings: FusionSettings, bus: BusSettings) -> Iterator[tuple[Shard, 
         with Node("fusion", WHOLE_BUILDING.name, bus) as node:
             yield WHOLE_BUILDING, node, settings
         return
-    with _SLOTS.take(lambda: sorted(settings.shards), bus, "SURVEILNAV_FUSION__SHARDS") as (name, node):
+    with take_slot("fusion", lambda: sorted(settings.shards), bus, "SURVEILNAV_FUSION__SHARDS") as (name, node):
         node.log.info("maps a part of the building", shard=name, floors=settings.shards[name])
         yield settings.shard(name), node, settings.for_shard(name)
 

@@ -164,32 +164,6 @@ CAMERA_REQUEST = Stream(
     request=m.CameraRequest,
     payload=True,
 )
-CAMERA_SLOT = Stream(
-    "camera_slot",
-    "{building}/camera_slot/{camera}",
-    m.Ack,
-    "camera_node",
-    "query",
-    None,
-    2_000,
-    "control",
-    "who has taken a camera answers; processes without one look for a camera that nobody has",
-    request=m.SlotClaim,
-    allows_wildcard=True,
-)
-FUSION_SLOT = Stream(
-    "fusion_slot",
-    "{building}/fusion_slot/{fusion}",
-    m.Ack,
-    "fusion",
-    "query",
-    None,
-    2_000,
-    "control",
-    "which fusion has taken a part of the building answers; processes without one look for a part that nobody has",
-    request=m.SlotClaim,
-    allows_wildcard=True,
-)
 ROBOT_OBSERVATION = Stream(
     "robot_observation",
     "{building}/robot/{robot}/observation",

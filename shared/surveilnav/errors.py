@@ -95,6 +95,10 @@ class BusError(SurveilNavError):
     """The router can't be reached, or a port is taken."""
 
 
+class NameTakenError(BusError):
+    """Another process has the name that a node wants on the bus."""
+
+
 class MissionError(SurveilNavError):
     """A mission can't be accepted. ``name`` is one of the contract's failure names."""
 

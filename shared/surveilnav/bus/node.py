@@ -47,6 +47,8 @@ class Node:
         id: the name under which it announces itself.
         settings: where the router is; None: from the environment.
         alive: False for a process that neither announces itself nor reports its traffic.
+        waits_for_name: whether it waits while another process has its name; entering the context raises NameTakenError if the
+            other keeps it.
 
     Attributes:
         stopping: set when the process ends.
@@ -54,7 +56,15 @@ class Node:
         ready: whether the service can work; part of ``healthy``.
     """
 
-    def __init__(self, kind: str, id: str, settings: BusSettings | None = None, *, alive: bool = True) -> None:
+    def __init__(
+        self,
+        kind: str,
+        id: str,
+        settings: BusSettings | None = None,
+        *,
+        alive: bool = True,
+        waits_for_name: bool = True,
+    ) -> None:
         self.kind, self.id = kind, id
         self.settings = settings or BusSettings()
         self.building = self.settings.building
@@ -64,7 +74,7 @@ class Node:
         self.stopping = self._connection.stopping
         self.wake = self._connection.wake
         self.ready: Callable[[], bool] = lambda: True
-        self._announces = alive
+        self._announces, self._waits_for_name = alive, waits_for_name
         self._problems: dict[str, str] = {}
         self._stepped_s: float | None = None
 
@@ -77,7 +87,7 @@ class Node:
                 if self._connection.identity:
                     check_owner(self._connection.identity, self.kind, self.id)
                 self._report_traffic()
-                self._presence.announce(self.kind, self.id)
+                self._presence.announce(self.kind, self.id, waits=self._waits_for_name)
         except BaseException:  # also after SIGTERM: an open session would keep the process from ending
             self._connection.close()
             raise

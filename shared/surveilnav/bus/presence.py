@@ -19,7 +19,7 @@ import zenoh
 import surveilnav
 from surveilnav.bus.connection import Connection
 from surveilnav.contract import INSTANCE, LIVELINESS, ROUTER, VERSION
-from surveilnav.errors import BusError
+from surveilnav.errors import BusError, NameTakenError
 
 #: So long a node waits for its name. The router drops a session that it hears nothing of after 10 s.
 NAME_WAIT_S = 12.0
@@ -33,11 +33,16 @@ class Presence:
         self._connection = connection
         self._watchers: dict[str, _Watcher] = {}
 
-    def announce(self, kind: str, id: str) -> None:
+    def announce(self, kind: str, id: str, *, waits: bool = True) -> None:
         """Announces a node until the connection closes.
 
+        Args:
+            kind, id: the kind and name of the node.
+            waits: whether it waits until the name is free.
+
         Raises:
-            BusError: another process has this name, or the router speaks another contract.
+            NameTakenError: another process has this name.
+            BusError: the router speaks another contract.
         """
         self._check_contract(kind)
         session = self._connection.session
@@ -46,10 +51,10 @@ class Presence:
             f"a {kind} named {id!r} is on the bus already, and of two with one name nobody can tell whose word is whose"
         )
         refusal = f"{taken}: stop it, or give this one another name"
-        until_s = time.monotonic() + NAME_WAIT_S
+        until_s = time.monotonic() + (NAME_WAIT_S if waits else 0.0)
         while self._instances(name):
             if time.monotonic() > until_s:
-                raise BusError(refusal)
+                raise NameTakenError(refusal)
             time.sleep(_POLL_S)
         self._connection.keep(session.liveliness().declare_token(INSTANCE.format(**name, zid=own)))
 
@@ -61,7 +66,7 @@ class Presence:
         pattern = INSTANCE.format(**name, zid="*")
         self._connection.keep(session.liveliness().declare_subscriber(pattern, yield_to))
         if any(other < own for other in self._instances(name)):
-            raise BusError(refusal)
+            raise NameTakenError(refusal)
         token = LIVELINESS.format(building=self._connection.building, kind=kind, id=id)
         self._connection.keep(self._connection.session.liveliness().declare_token(token))
 

@@ -9,7 +9,6 @@ from surveilnav.messages.camera import (
     CameraRequest,
     CameraSummary,
     CameraViewInfo,
-    SlotClaim,
     StreamState,
     StreamStatus,
 )
@@ -143,7 +142,6 @@ __all__ = [
     "RobotStatus",
     "ServiceList",
     "ServiceState",
-    "SlotClaim",
     "StreamState",
     "StreamStatus",
     "Stair",

@@ -82,9 +82,3 @@ class CameraRequest(Message, frozen=True, kw_only=True):
     action: Literal["resend", "thumbnail", "pause", "resume"]
     views: list[int] = []
     width_px: int = 0
-
-
-class SlotClaim(Message, frozen=True, kw_only=True):
-    """Asks which process has taken a slot, such as a camera. ``node``: the random id of the process that looks for a free one."""
-
-    node: str

@@ -63,8 +63,6 @@ READERS: dict[str, frozenset[Kind]] = {
     "camera_frame": _kinds("fusion"),
     "camera_summary": _kinds("planner", "gateway", "recorder"),
     "camera_request": _kinds("fusion", "gateway"),
-    "camera_slot": _CAMERAS,
-    "fusion_slot": _kinds("fusion"),
     "robot_observation": _kinds("fusion"),
     "robot_status": _kinds("fusion", "planner", "gateway", "recorder", "supervisor", "viewer"),
     "robot_command": _kinds("planner"),
@@ -169,8 +167,8 @@ def _presence_rules(identity: Identity, building: str) -> list[Rule]:
         own = LIVELINESS.format(building=building, kind=kind, id=identity.id or "*")
         instances = INSTANCE.format(building=building, kind=kind, id=identity.id or "*", zid="*")
         rules.append(_rule("ingress", ("liveliness_token",), [own, instances]))
-        # It looks whether its name is taken, and which contract the router speaks.
-        looks_at = [instances, ROUTER.format(contract="*", release="*")]
+        # It looks which names are taken, and which contract the router speaks.
+        looks_at = [own, instances, ROUTER.format(contract="*", release="*")]
         rules.append(_rule("ingress", ("liveliness_query", "declare_liveliness_subscriber"), looks_at))
         rules.append(_rule("egress", ("liveliness_token",), looks_at))
     if identity.kind in _SEE_PRESENCE:

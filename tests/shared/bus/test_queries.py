@@ -15,16 +15,16 @@ from surveilnav.bus.wire import encode
 from surveilnav.contract import (
     CAMERA_INFO,
     CAMERA_REQUEST,
-    CAMERA_SLOT,
     JUDGED,
     MAP_LAYER,
     MISSION_CANCEL,
     MISSION_GOAL,
+    ROBOT_HALT,
     ROBOT_STATUS,
     schema_of,
 )
 from surveilnav.geometry import Grid, Pinhole
-from surveilnav.messages import Ack, CameraInfo, Command, LayerHeader, MissionAck, MissionGoal, SlotClaim
+from surveilnav.messages import CameraInfo, Command, Halt, HaltReply, LayerHeader, MissionAck, MissionGoal
 from tests.waiting import until, until_heard
 
 
@@ -159,16 +159,16 @@ def test_who_is_there_but_too_slow_is_told_from_nobody(make_node):
 
 def test_a_question_to_all_reaches_each_owner_of_a_key(make_node):
     client = make_node("cli", "c")
-    for camera in ("c2", "c5"):
-        make_node("camera", camera).serve(
-            CAMERA_SLOT, lambda r: Answer(Ack(stamp_ns=1, message=r.ids["camera"])), camera=camera
+    for robot in ("r2", "r5"):
+        make_node("robot", robot).serve(
+            ROBOT_HALT, lambda r: Answer(HaltReply(stamp_ns=1, robot=r.ids["robot"], halted=True)), robot=robot
         )
-    claim = SlotClaim(stamp_ns=1, node="me")
+    halt = Halt(stamp_ns=1, halted=True)
 
     def owners():
-        return {(a.ids["camera"], a.message.message) for a in client.ask_all(CAMERA_SLOT, claim, timeout_s=0.5)}
+        return {(a.ids["robot"], a.message.robot) for a in client.ask_all(ROBOT_HALT, halt, timeout_s=0.5)}
 
-    until(lambda: owners() == {("c2", "c2"), ("c5", "c5")})
+    until(lambda: owners() == {("r2", "r2"), ("r5", "r5")})
 
 
 def test_a_question_to_another_stream_is_passed_over(make_node):

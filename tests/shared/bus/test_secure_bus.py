@@ -16,7 +16,7 @@ import pytest
 import zenoh
 
 from surveilnav import messages as m
-from surveilnav.bus import Answer, BusSettings, Node, Unanswered, presence
+from surveilnav.bus import Answer, BusSettings, Node, Unanswered, lease, presence
 from surveilnav.bus.connection import encoding_of
 from surveilnav.bus.router import free_port, main, open_router
 from surveilnav.bus.tls import TlsFiles
@@ -45,6 +45,7 @@ NAMES = (
     "perception",
     "camera-c1",
     "camera-c2",
+    "cameras",
     "robot-r1",
     "viewer-a",
 )
@@ -135,6 +136,17 @@ def test_nobody_comes_in_without_a_certificate(router, folder, protocol):
     config.insert_json5("transport/link/tls", f'{{"root_ca_certificate": "{folder.path / "ca.pem"}"}}')
     with pytest.raises(zenoh.ZError):
         zenoh.open(config)
+
+
+def test_replicas_with_one_certificate_for_all_cameras_take_one_each(bus, monkeypatch):
+    monkeypatch.setattr(lease.zlib, "crc32", lambda _: 0)  # all of them begin at the first
+    with (
+        lease.lease_slot("camera", ["c8", "c9"], bus("cameras")) as one,
+        lease.lease_slot("camera", ["c8", "c9"], bus("cameras")) as other,
+    ):
+        assert {one[0], other[0]} == {"c8", "c9"}
+        with lease.lease_slot("camera", ["c8", "c9"], bus("cameras"), wait_s=0.5) as third:
+            assert third is None
 
 
 def test_nobody_joins_anothers_session(bus, attacker):
