@@ -12,6 +12,7 @@ from surveilnav.services.planner.core.goals.floors import never_leaves
 from surveilnav.services.planner.core.options.candidates import all_candidates, promising_candidates
 from surveilnav.services.planner.core.options.closed_passages import closed_passages
 from surveilnav.services.planner.core.options.confirmed_objects import confirmed_objects
+from surveilnav.services.planner.core.options.doubtful_objects import doubtful_objects
 from surveilnav.services.planner.core.options.frontiers import constrained_frontiers, frontiers
 from surveilnav.services.planner.core.options.last_resort import accepted_object, last_resort
 from surveilnav.services.planner.core.options.option import Option, Proposer
@@ -29,6 +30,7 @@ GROUPS: tuple[tuple[Proposer, ...], ...] = (
     (accepted_object, confirmed_objects, promising_candidates, other_floors, frontiers),
     (all_candidates,),
     (unsearched_floors,),
+    (doubtful_objects,),
     (second_looks,),
     (constrained_frontiers,),
     (closed_passages,),

@@ -16,6 +16,10 @@ from surveilnav.services.planner.core.motion.drive import bearing_error_rad, tur
 from surveilnav.services.planner.core.options.option import Option
 
 
+#: The longest way [m] to another place to look at the same object from.
+_ELSEWHERE_WITHIN_M = 5.0
+
+
 @dataclass(frozen=True, slots=True)
 class _Approach:
     """An approach to an object at this step: the option that it serves, and what the joint map says of it now."""
@@ -32,12 +36,8 @@ def approach_object(context: StepContext, option: Option) -> Decision | None:
     assert record is not None
     verification = _verification_of(context, record)
     if verification == "contradicted":
-        context.state.dismiss(record, f"the robot sees {record.label_robot or 'something else'}")
-        return None
-    looked_from = tuple(context.state.here.looked_from.get(record.id, ()))
-    region = context.reach.goal_region(record, looked_from)
-    if region is None and looked_from:
-        region = context.reach.goal_region(record)
+        return _dismiss(context, record, f"the robot sees {record.label_robot or 'something else'}")
+    region = _region_elsewhere(context, record) or context.reach.goal_region(record)
     if region is None:
         if objects.is_confirmed(record, context.state.target):
             context.state.record_unreachable(record, context.area_at(*record.center_m[:2]))
@@ -50,12 +50,31 @@ def approach_object(context: StepContext, option: Option) -> Decision | None:
 
 
 def _verification_of(context: StepContext, record: ObjectRecord) -> Verification:
-    """What the joint map says now. An accepted last resort that was ruled out before isn't contradicted by more such views."""
-    verification = verify(record, context.state.target, context.config)
-    accepted = record.id == context.state.here.accepted_object
+    """What the joint map says now. What contradicted an object before doesn't do so again once it is accepted as a last resort,
+    or on the way to where it is looked at once more."""
+    verification, here = verify(record, context.state.target, context.config), context.state.here
+    accepted = record.id == here.accepted_object
     if verification == "contradicted" and accepted and objects.is_ruled_out(record, context.state, context.config):
         return "open"
-    return verification
+    return "open" if verification == "contradicted" and record.id in here.dismissed else verification
+
+
+def _region_elsewhere(context: StepContext, record: ObjectRecord) -> GoalRegion | None:
+    """The goal region elsewhere than where the robot looked at an object in vain; None: it didn't, it did so from enough places,
+    or the way there is too long."""
+    looked_from = tuple(context.state.here.looked_from.get(record.id, ()))
+    if not 0 < len(looked_from) < context.config.max_look_places:
+        return None
+    region = context.reach.goal_region(record, looked_from)
+    if region is None or float(context.travel_time_m[region.goals].min(initial=math.inf)) > _ELSEWHERE_WITHIN_M:
+        return None
+    return region
+
+
+def _dismiss(context: StepContext, record: ObjectRecord, why: str) -> None:
+    """Records that an object isn't the target as seen from here."""
+    context.state.here.record_looked_from(record.id, context.robot.x_m, context.robot.y_m)
+    context.state.dismiss(record, why)
 
 
 def _has_arrived(context: StepContext, region: GoalRegion) -> bool:
@@ -120,25 +139,32 @@ def _look_and_decide(approach: _Approach) -> Decision | None:
         return _found(approach, "likely enough after all looks at it")
     if record.id == state.here.accepted_object:
         return _accepted(approach)
-    state.dismiss(record, "the robot's own views didn't confirm it")
-    return None
+    return _dismiss(context, record, "the robot's own views didn't confirm it")
 
 
 def _look_from_elsewhere(approach: _Approach) -> Decision | None:
-    """Goes to another place near an object that only cameras saw, because the robot may have stood where it can't see it.
+    """Goes to another place near an object that the robot didn't see, or that isn't sure to be something else.
 
-    None: the robot saw it, it looked from enough places, or no way leads to another.
+    None: nothing is left to be doubted, it looked from enough places, or no way leads to another.
     """
     context, record = approach.context, approach.record
     memory, robot, config = context.state.here, context.robot, context.config
-    places = (*memory.looked_from.get(record.id, ()), (robot.x_m, robot.y_m))
-    if record.label_robot or len(places) >= config.max_look_places or config.verification == "paper":
-        return None
-    region = context.reach.goal_region(record, places)
-    if region is None:
+    n_places = len(memory.looked_from.get(record.id, ())) + 1
+    if n_places >= config.max_look_places or config.verification == "paper" or not _is_doubtful(approach):
         return None
     memory.record_looked_from(record.id, robot.x_m, robot.y_m)
-    return _drive_nearer(approach, region)
+    region = _region_elsewhere(context, record)
+    return None if region is None else _drive_nearer(approach, region)
+
+
+def _is_doubtful(approach: _Approach) -> bool:
+    """Whether another place may tell more: only cameras saw the object, or its chance isn't high enough to stop and not too low
+    for a last resort."""
+    record, config = approach.record, approach.context.config
+    if not record.label_robot:
+        return True
+    likelihood, lowest = objects.chance(record, approach.context.state.target), config.last_resort_chance
+    return lowest is not None and lowest <= likelihood < config.accept_chance
 
 
 def _sees_from_within(context: StepContext, region: GoalRegion, distance_m: float) -> bool:

@@ -17,12 +17,14 @@ def candidates(objects: Iterable[ObjectRecord], state: MissionState, config: Pla
     """Objects that may be the target, confirmed ones first, then by chance.
 
     Objects found not to be the target are left out, also under a new id at the same place, unless the robot itself sees
-    the target there since, or the object is accepted as a last resort.
+    the target there since, or the object is accepted as a last resort. Under the same id it has to be likely enough to stop, too.
     """
     found = []
-    for record, _ in possible_targets(objects, state.target):
-        ruled_out = record.status == "rejected" or record.id in state.here.dismissed
-        ruled_out |= is_near_dismissed(record, state, config) and not robot_sees(record, state.target, config)
+    for record, confirmed in possible_targets(objects, state.target):
+        seen = robot_sees(record, state.target, config)
+        likely = confirmed or chance(record, state.target) >= config.accept_chance
+        ruled_out = record.status == "rejected" or (record.id in state.here.dismissed and not (seen and likely))
+        ruled_out |= is_near_dismissed(record, state, config) and not seen
         if record.id == state.here.accepted_object or not ruled_out:
             found.append(record)
     return sorted(found, key=lambda o: (not is_confirmed(o, state.target), -chance(o, state.target)))
