@@ -16,17 +16,19 @@ from surveilnav.sensing.views import DetectedObject, PosedView, ViewPerception
 from surveilnav.services.fusion.core.config import FusionConfig
 from surveilnav.services.fusion.core.joint_map import JointMap
 from surveilnav.services.fusion.core.views.order import ViewFootprint
+from surveilnav.services.fusion.core.views.pose_fit import fit_pose
 
 _CAMERA = Pinhole.from_hfov(
     640, 480, math.radians(79.0)
 )  # with fewer pixels, an object has too few points for a cluster
 _RANGE_M = (0.2, 8.0)
 _EXTENT = {"extent_m": 24.0, "max_extent_m": 150.0}  # so that the room fits, whatever the settings are
-_ROOM_M = np.array([[-3.0, -3.0, 0.0], [3.0, 3.0, 2.6]])  # two opposite corners
+_ROOM_M = np.array([[-3.0, -3.0, 0.0], [3.0, 3.0, 2.6]])  # two opposite points
 _FLOOR = "0"
 _DOWN_RAD = 0.3  # by which all cameras look down
 _ROBOT_CAMERA_M = 0.88  # height above the floor
 _EMBEDDING = np.eye(1, 8, dtype=np.float32)[0]
+_N_COMPARED = 500  # points of which a pose is compared
 _CHAIR = DetectedObject("chair", 0.9, (280.0, 200.0, 360.0, 280.0), None, _EMBEDDING)
 _PERCEPTION = ViewPerception("warm-up", (_CHAIR,), _EMBEDDING, "warm-up")
 
@@ -46,6 +48,8 @@ def warm_up(config: FusionConfig) -> None:
         joint.layer(_FLOOR, layer)
     joint.layer(_FLOOR, "value", _EMBEDDING, "warm-up")
     joint.objects(_FLOOR)
+    points = np.random.default_rng(0).uniform(*_ROOM_M, (_N_COMPARED, 3))
+    fit_pose(points, points, np.zeros(2), 0.0)
 
 
 def _view(source: str, seq: int, p_world: tuple[float, float, float], yaw_rad: float) -> PosedView:

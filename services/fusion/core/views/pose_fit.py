@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 #: Points so high above the floor are compared: floor and ceiling look the same wherever the camera stands.
@@ -26,6 +27,8 @@ _FINE_M, _FINE_RAD = 0.025, math.radians(0.25)
 _TEST_M = 0.05
 #: A point so far from the nearest one of the others [m, standard deviation] counts 0.6 of one in the same place.
 _COARSE_SIGMA_M, _FINE_SIGMA_M = 0.1, 0.05
+#: Farther than so many standard deviations from all others, a point counts nothing.
+_FAR_SIGMAS = 5.0
 #: Corrections that differ by less are the same.
 _SAME_RAD, _SAME_M = math.radians(3.0), 0.3
 #: A correction must fit so many times as well as the description, and as the next best, and so well. A healthy camera's points
@@ -162,12 +165,18 @@ class _Layers:
         self._near = np.zeros((n_layers, side, side), np.float32)
         layer, row, col = self._cells(others[:, :2] - p, others[:, 2])
         inside = (row >= 0) & (row < side) & (col >= 0) & (col < side)
+        layer, row, col = layer[inside], row[inside], col[inside]
+        if not len(layer):
+            return
+        # only around the others' points, because everything else is far from all of them
+        margin = math.ceil(_FAR_SIGMAS * sigma_m / cell_m)
+        rows, cols = (slice(max(0, c.min() - margin), c.max() + margin + 1) for c in (row, col))
         empty = np.ones((n_layers, side, side), np.uint8)
-        empty[layer[inside], row[inside], col[inside]] = 0
-        for k in range(n_layers):
-            if not empty[k].all():
-                d_m = cv2.distanceTransform(empty[k], cv2.DIST_L2, cv2.DIST_MASK_5) * cell_m
-                self._near[k] = np.exp(-0.5 * (d_m / sigma_m) ** 2)
+        empty[layer, row, col] = 0
+        for k in np.unique(layer):
+            d_m = cv2.distanceTransform(empty[k, rows, cols], cv2.DIST_L2, cv2.DIST_MASK_5) * cell_m
+            near = d_m < _FAR_SIGMAS * sigma_m
+            self._near[k, rows, cols][near] = np.exp(-0.5 * (d_m[near] / sigma_m) ** 2)
 
     def _cells(
         self, offset_m: NDArray[np.float64], z_m: NDArray[np.float64]
@@ -184,16 +193,29 @@ class _Layers:
         Args:
             row0, col0: the middle of the shifts along y and x, in cells; ``n`` more in each direction are tried.
         """
-        side = self._near.shape[1]
-        shifts = np.arange(-n, n + 1)
-        out = np.empty((len(yaws), len(shifts), len(shifts)))
-        flat = self._near.reshape(-1)
+        out = np.empty((len(yaws), 2 * n + 1, 2 * n + 1))
         for k, yaw in enumerate(yaws):
             cos, sin = math.cos(yaw), math.sin(yaw)
             turned = (mine[:, :2] - self._p) @ np.array([[cos, sin], [-sin, cos]])
             layer, row, col = self._cells(turned, mine[:, 2])
-            rows = (row[:, None] + row0 + shifts).clip(0, side - 1)
-            cols = (col[:, None] + col0 + shifts).clip(0, side - 1)
-            at = (layer[:, None] * side + rows)[:, :, None] * side + cols[:, None, :]
-            out[k] = flat[at].mean(axis=0)
+            out[k] = _mean_around(self._near, layer, row + row0, col + col0, n)
         return out
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _mean_around(near, layer, row, col, n):  # type: ignore[no-untyped-def]
+    """(2 n + 1, 2 n + 1) the mean over cells of ``near`` (layers, side, side), shifted by up to n along rows and columns; cells
+    outside count as those at the edge."""
+    side, width = near.shape[1], 2 * n + 1
+    total = np.zeros((width, width), np.float32)
+    for p in range(len(layer)):
+        inside = n <= row[p] < side - n and n <= col[p] < side - n
+        for i in range(width):
+            r = min(max(row[p] + i - n, 0), side - 1)
+            if inside:
+                for j in range(width):
+                    total[i, j] += near[layer[p], r, col[p] - n + j]
+            else:
+                for j in range(width):
+                    total[i, j] += near[layer[p], r, min(max(col[p] + j - n, 0), side - 1)]
+    return total / len(layer)

@@ -15,7 +15,6 @@ from surveilnav.services.planner.core.goals.verification import Verification, is
 from surveilnav.services.planner.core.motion.drive import bearing_error_rad, turn_towards
 from surveilnav.services.planner.core.options.option import Option
 
-
 #: The longest way [m] to another place to look at the same object from.
 _ELSEWHERE_WITHIN_M = 5.0
 
