@@ -48,7 +48,7 @@ def warm_up(config: FusionConfig) -> None:
         joint.layer(_FLOOR, layer)
     joint.layer(_FLOOR, "value", _EMBEDDING, "warm-up")
     joint.objects(_FLOOR)
-    points = np.random.default_rng(0).uniform(*_ROOM_M, (_N_COMPARED, 3))
+    points = np.random.default_rng(0).uniform(_ROOM_M[0], _ROOM_M[1], (_N_COMPARED, 3))
     fit_pose(points, points, np.zeros(2), 0.0)
 
 

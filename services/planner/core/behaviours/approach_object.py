@@ -35,7 +35,8 @@ def approach_object(context: StepContext, option: Option) -> Decision | None:
     assert record is not None
     verification = _verification_of(context, record)
     if verification == "contradicted":
-        return _dismiss(context, record, f"the robot sees {record.label_robot or 'something else'}")
+        _dismiss(context, record, f"the robot sees {record.label_robot or 'something else'}")
+        return None
     region = _region_elsewhere(context, record) or context.reach.goal_region(record)
     if region is None:
         if objects.is_confirmed(record, context.state.target):
@@ -138,7 +139,8 @@ def _look_and_decide(approach: _Approach) -> Decision | None:
         return _found(approach, "likely enough after all looks at it")
     if record.id == state.here.accepted_object:
         return _accepted(approach)
-    return _dismiss(context, record, "the robot's own views didn't confirm it")
+    _dismiss(context, record, "the robot's own views didn't confirm it")
+    return None
 
 
 def _look_from_elsewhere(approach: _Approach) -> Decision | None:
