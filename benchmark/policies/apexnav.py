@@ -28,7 +28,7 @@ from surveilnav.services.planner.core.motion.terrain import coarse_travel_time_m
 from surveilnav.services.planner.core.options.frontiers import only
 
 #: No object is promising before it is confirmed: suspected ones come after the frontiers.
-CONFIG = PlannerConfig(verification="paper", choice="paper", promising_chance=None)
+CONFIG = PlannerConfig(strategy="region", verification="paper", choice="paper", promising_chance=None)
 
 _NEAR_THE_BEST = 0.95
 #: The nearest frontier is left for one that is nearer by this.
@@ -92,6 +92,6 @@ APEXNAV = Policy(
 APEXNAV_VERIFIED = Policy(
     "apexnav-verified",
     "ApexNav's choice of frontiers (https://arxiv.org/abs/2504.14478) with our verification",
-    lambda task: MissionPolicy(task, PlannerConfig(), rate),
+    lambda task: MissionPolicy(task, PlannerConfig(strategy="region"), rate),
     FusionConfig(),
 )

@@ -27,7 +27,7 @@ from surveilnav.services.planner.core import PlannerConfig, RobotView
 from surveilnav.services.planner.core.context import RatedFrontier, StepContext
 from surveilnav.services.planner.core.goals.frontier_access import frontier_at
 from surveilnav.services.planner.core.goals.frontiers import Frontier
-from surveilnav.services.planner.core.options.frontiers import by_chance_per_metre, only
+from surveilnav.services.planner.core.options.frontiers import only, rule_of
 
 SYSTEM = """\
 You help a robot that searches a building for an object that it hasn't seen yet. It tells you the places from which unexplored
@@ -71,7 +71,7 @@ class LlmRule:
             self._asked_at, goal = context.state.step, self._ask(context, listed)
         if goal is None:
             self._goal = None
-            return by_chance_per_metre(context, found)
+            return rule_of(context.config)(context, found)
         self._goal = context.robot.floor, goal.x_m, goal.y_m
         return only(context, goal, found, "by the language model")
 

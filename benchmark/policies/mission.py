@@ -13,7 +13,6 @@ from surveilnav.benchmark.policies.policy import Task
 from surveilnav.services.fusion.core import FusionConfig
 from surveilnav.services.planner.core import Decision, FloorMaps, MissionState, PlannerConfig, RobotView, step
 from surveilnav.services.planner.core.context import FrontierRule
-from surveilnav.services.planner.core.options.frontiers import by_chance_per_metre
 
 #: A single detection of at least this score is believed by those who go to the first one. (VLFM asks .8 of YOLOv7;
 #: the detectors here are less sure of themselves, and .5 is what SurveilNav's confirmation asks.)
@@ -32,7 +31,7 @@ class MissionPolicy:
     """
 
     def __init__(
-        self, task: Task, config: PlannerConfig, rule: FrontierRule = by_chance_per_metre, *, summaries: bool = False
+        self, task: Task, config: PlannerConfig, rule: FrontierRule | None = None, *, summaries: bool = False
     ) -> None:
         self._task, self._rule, self._summaries = task, rule, summaries
         self._config = config.changed(**({**_STAYS, **task.planning} if task.goal_on_floor else task.planning))

@@ -16,7 +16,7 @@ from surveilnav.services.fusion.core import FusionConfig
 from surveilnav.services.planner.core import PlannerConfig
 from surveilnav.services.planner.core.context import RatedFrontier, StepContext
 from surveilnav.services.planner.core.goals.frontiers import Frontier
-from surveilnav.services.planner.core.options.frontiers import by_chance_per_metre, only
+from surveilnav.services.planner.core.options.frontiers import only, rule_of
 
 #: A frontier that lies in something, by the truth, is as far from a goal as the nearest free place within this distance.
 _BESIDE_M = 1.0
@@ -33,7 +33,7 @@ class PerfectFrontierRule:
         """See ``FrontierRule``. Where no way leads from any of them to a goal, ours chooses."""
         ways_m = [f.travel_time_m + self.left_m(f.x_m, f.y_m, context.robot.floor) for f in found]
         if not any(map(math.isfinite, ways_m)):
-            return by_chance_per_metre(context, found)
+            return rule_of(context.config)(context, found)
         chosen = found[min(range(len(found)), key=ways_m.__getitem__)]
         return only(context, chosen, found, "told by the truth")
 

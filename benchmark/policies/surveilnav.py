@@ -16,6 +16,7 @@ from surveilnav.services.planner.core import PlannerConfig
 #: A confirmed target before all else, any candidate before exploring, then the frontier of the highest value; what was
 #: rejected stays so.
 AS_WRITTEN = PlannerConfig(
+    strategy="region",
     verification="paper",
     choice="paper",
     promising_chance=0.0,
@@ -27,7 +28,7 @@ AS_WRITTEN = PlannerConfig(
 
 OURS = Policy(
     "surveilnav",
-    "ours: region values or nearest, what cameras saw first, two-level verification",
+    "ours: a learned sense of place, what cameras saw first, two-level verification",
     lambda task: MissionPolicy(task, PlannerConfig(), summaries=True),
     FusionConfig(),
 )

@@ -153,7 +153,7 @@ _GEOMETRIES: dict[str, dict[str, Any]] = {
     "voxel IoU": {"geometry": "voxel_iou", **_BY_IOU},
 }
 _FUSIONS = ("confidence", "average", "latest")
-_STRATEGIES = ("region", "object", "greedy")
+_STRATEGIES = ("places", "region", "object", "greedy")
 
 
 def _components() -> Table:
@@ -212,9 +212,10 @@ TABLES: dict[str, Table] = {
         Table(
             "strategy",
             "What the value map is made of",
-            "The paper's three, with the planner SP as there.",
+            "Ours and the paper's three, with the planner SP as there.",
             (
-                Arm("region", _run(planner="sp"), (71.1, 36.4)),
+                Arm("places", _run(planner="sp")),
+                Arm("region", _run(planner="sp", planning={"strategy": "region"}), (71.1, 36.4)),
                 Arm("object", _run(planner="sp", planning={"strategy": "object"}), (70.5, 35.8)),
                 Arm("greedy", _run(planner="sp", planning={"strategy": "greedy"}), (69.0, 35.6)),
             ),
@@ -224,7 +225,8 @@ TABLES: dict[str, Table] = {
             "What the value map is made of, on pixels",
             "As `strategy`, but real detectors look; planner FMM.",
             (
-                Arm("region", _run(perception="onnx-coco")),
+                Arm("places", _run(perception="onnx-coco")),
+                Arm("region", _run(perception="onnx-coco", planning={"strategy": "region"})),
                 Arm("object", _run(perception="onnx-coco", planning={"strategy": "object"})),
                 Arm("greedy", _run(perception="onnx-coco", planning={"strategy": "greedy"})),
             ),

@@ -32,9 +32,9 @@ class PlannerConfig(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     strategy: Literal["greedy", "object", "region", "places"] = Field(
-        "region",
-        description="what ranks frontiers. The paper's three strategies: greedy knows their width and the way only, object "
-        "adds the relevance of objects near the frontier, region the value map. places: a learned model of what lies beyond them",
+        "places",
+        description="what ranks frontiers. places: a learned model of what lies beyond them. The paper's three: greedy knows "
+        "their width and the way only, object adds the relevance of objects near the frontier, region the value map",
     )
     choice: Literal["utility", "sequence", "paper"] = Field(
         "utility",
@@ -216,10 +216,10 @@ class PlannerConfig(BaseModel):
         description="an unconfirmed object that the robot looked at from near by is accepted from this chance on",
     )
     max_look_places: int = Field(
-        1,
+        2,
         ge=1,
-        description="an object that cameras saw and the robot doesn't see from near by is looked at from so many places, before "
-        "what the cameras say is believed",
+        description="an object that the robot doesn't see from near by, or sees vaguely, is looked at from so many places before "
+        "it is believed or dismissed for good",
     )
     max_extra_looks: int = Field(
         4, description="looks in other directions at an object that isn't verified, before the robot dismisses it"

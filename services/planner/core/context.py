@@ -42,7 +42,7 @@ class RatedFrontier:
 
 
 class FrontierRule(Protocol):
-    """Rates frontiers. Ours is ``options.frontiers.by_chance_per_metre``; the baselines of the benchmark bring their own."""
+    """Rates frontiers. Ours are those of ``options.frontiers.rule_of``; the baselines of the benchmark bring their own."""
 
     def __call__(self, context: StepContext, found: Sequence[Frontier]) -> list[RatedFrontier]:
         """Rates the frontiers that the robot may explore (there may be none); those that it leaves out aren't explored.

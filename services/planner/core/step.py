@@ -31,7 +31,7 @@ from surveilnav.services.planner.core.inputs import FloorMaps, RobotView
 from surveilnav.services.planner.core.memory.mission_state import MissionState
 from surveilnav.services.planner.core.motion.drive import FmmPlanner, LocalPlanner
 from surveilnav.services.planner.core.motion.waypoint_driving import WaypointPlanner, to_drive
-from surveilnav.services.planner.core.options.frontiers import by_chance_per_metre
+from surveilnav.services.planner.core.options.frontiers import rule_of
 from surveilnav.services.planner.core.options.option import Option, OptionKind
 from surveilnav.services.planner.core.options.unchosen_objects import unchosen_objects
 
@@ -58,7 +58,7 @@ def step(
     config: PlannerConfig,
     planner: LocalPlanner | None = None,
     summaries: Mapping[str, Mapping[str, float]] = _NO_SUMMARIES,
-    rule: FrontierRule = by_chance_per_metre,
+    rule: FrontierRule | None = None,
 ) -> tuple[MissionState, Decision]:
     """Decides the next action of a mission on what the maps hold now.
 
@@ -71,7 +71,7 @@ def step(
         robot: the robot at that observation.
         planner: drives to goal cells; None: the one that fits how the robot drives.
         summaries: by floor, label -> highest confidence that the cameras of that floor last reported.
-        rule: rates frontiers.
+        rule: rates frontiers; None: by the strategy.
 
     Returns:
         The new memory and the decision. ``found`` comes with the action ``stop``; a failure has an error name and no action.
@@ -80,7 +80,7 @@ def step(
     state.record_robot(robot, config)
     state.record_removals(maps.removals)
     planner = planner or _PLANNERS[config.drive]
-    context = StepContext.from_inputs(state, maps, robot, config, planner, summaries, rule)
+    context = StepContext.from_inputs(state, maps, robot, config, planner, summaries, rule or rule_of(config))
     decision = _fail_if_spent(context) or leave_area(context) or _choose_and_drive(context)
     if config.drive == "waypoints":
         decision = to_drive(decision, state, robot, config, context.leads_through_barred)

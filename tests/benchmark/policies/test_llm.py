@@ -192,7 +192,7 @@ def test_without_an_answer_that_decision_is_ours_and_counted(how, server, model,
     outcome, behaves = FAILING[how]
     for name, value in behaves.items():
         setattr(server, name, value)
-    monkeypatch.setattr(llm, "by_chance_per_metre", lambda context, found: ("ours", found))
+    monkeypatch.setattr(llm, "rule_of", lambda config: lambda context, found: ("ours", found))
     rule = llm.LlmRule(model)
     assert rule(context_of(0), FOUND) == ("ours", FOUND)
     assert rule(context_of(24), FOUND) == ("ours", FOUND)  # a server that fails isn't asked at every step

@@ -49,7 +49,8 @@ def test_with_our_verification_all_but_the_rule_is_ours(name):
     task = Task("bed", 0, 500, FmmPlanner())
     rule, ours = POLICIES[name].begin(task), POLICIES["surveilnav"].begin(task)
     assert rule._rule is not ours._rule
-    assert rule._config.changed(value_radius_m=ours._config.value_radius_m) == ours._config
+    of_rule = {"value_radius_m": ours._config.value_radius_m, "strategy": ours._config.strategy}
+    assert rule._config.changed(**of_rule) == ours._config
     assert POLICIES[name].fusion.objects == POLICIES["surveilnav"].fusion.objects
 
 

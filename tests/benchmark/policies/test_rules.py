@@ -354,7 +354,7 @@ def test_perfect_frontiers_go_where_the_whole_way_to_a_goal_is_shortest(found, c
 
 
 def test_perfect_frontiers_without_any_way_to_a_goal_are_ours(monkeypatch):
-    monkeypatch.setattr(perfect_frontiers, "by_chance_per_metre", lambda context, found: ("ours", found))
+    monkeypatch.setattr(perfect_frontiers, "rule_of", lambda config: lambda context, found: ("ours", found))
     assert perfect(reachable=False)(CONTEXT, [frontier(1.0)]) == ("ours", [frontier(1.0)])
     assert perfect()(CONTEXT, []) == ("ours", [])
 

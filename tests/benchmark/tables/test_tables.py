@@ -111,22 +111,22 @@ def test_real_homes_stand_apart_from_generated_buildings():
 
 def test_components_are_crossed_the_fewest_changes_first():
     arms = TABLES["components"].arms
-    assert len(arms) == 27
+    assert len(arms) == 36
     assert arms[0].settings == RunSettings()
     said = {
         (
             arm.settings.fusion_config().objects.association.geometry,
             arm.settings.fusion_config().value.fusion,
-            arm.settings.planning.get("strategy", "region"),
+            arm.settings.planning.get("strategy", "places"),
         )
         for arm in arms
     }
-    assert len(said) == 27
+    assert len(said) == 36
     changes = [
         ("objects" in a.settings.fusion) + ("value" in a.settings.fusion) + len(a.settings.planning) for a in arms
     ]
     assert changes == sorted(changes)
-    assert len({arm.levels for arm in arms}) == 27
+    assert len({arm.levels for arm in arms}) == 36
     assert {len(arm.levels) for arm in arms} == {len(TABLES["components"].factors)}
 
 

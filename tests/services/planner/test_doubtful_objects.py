@@ -100,7 +100,7 @@ def test_it_is_looked_at_before_looking_around_once_more(make_record):
     state = dismissed_before(record)
     choice = choose(context_of(record, state))
     assert (choice.chosen.kind, choice.chosen.record) == ("candidate", record)
-    untouched = choose(context_of(record, dismissed_before(record), PlannerConfig()))
+    untouched = choose(context_of(record, dismissed_before(record), PlannerConfig(max_look_places=1)))
     assert untouched.chosen.kind == "second_look"
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -14,10 +15,10 @@ from surveilnav.services.planner.core import FloorMaps, MissionState, PlannerCon
 from surveilnav.services.planner.core.context import StepContext
 from surveilnav.services.planner.core.goals.frontiers import Frontier
 from surveilnav.services.planner.core.motion.drive import FmmPlanner
-from surveilnav.services.planner.core.options.frontiers import by_chance_per_metre
+from surveilnav.services.planner.core.options.frontiers import rule_of
 from surveilnav.services.planner.core.places.features import GEOMETRY, OBJECTS, FrontierFeatures, names, of_target
 from surveilnav.services.planner.core.places.model import shipped
-from surveilnav.services.planner.core.places.rule import expected_way_m
+from surveilnav.services.planner.core.places.rule import by_places, expected_way_m
 
 LABELS = ("bed", "chair")
 #: A room of 6 x 4 m with a door to the right, beyond which nothing is known; a metre is five coarse cells.
@@ -146,10 +147,10 @@ def test_a_search_by_places_explores_what_is_likely(world):
     w = world(ROOM_PLAN)
     config = PlannerConfig(strategy="places")
     state = MissionState("chair", floor="0")
-    context = StepContext.from_inputs(state, w.maps(), w.robot(), config, FmmPlanner(), {}, by_chance_per_metre)
-    rated = by_chance_per_metre(context, context.reach.frontiers)
+    context = StepContext.from_inputs(state, w.maps(), w.robot(), config, FmmPlanner(), {}, rule_of(config))
+    rated = context.rule(context, context.reach.frontiers)
     assert rated
-    assert rated == by_chance_per_metre(context, context.reach.frontiers)
+    assert rated == context.rule(context, context.reach.frontiers)
     for r in rated:
         assert r.chance == config.places_certainty
         assert r.cost_m > r.frontier.travel_time_m
@@ -173,3 +174,12 @@ def test_a_word_that_the_model_does_not_know_is_expected_wherever_anything_is():
     assert model.chances(maps, (1.0, 1.7), found, "bagpipes") == pytest.approx(np.mean(known, axis=0), abs=1e-6)
     assert (np.diff(known[0], axis=1) >= 0.0).all()
     assert model.chances(maps, (1.0, 1.7), [], "chair").shape == (0, len(model.within_m))
+
+
+@pytest.mark.parametrize(("hidden_m2", "share"), [(math.nan, 1.0), (0.0, 0.5), (1000.0, 1.0)])
+def test_what_a_map_from_before_knows_to_be_hidden_counts(world, hidden_m2, share):
+    w, config = world(ROOM_PLAN), PlannerConfig()
+    state = MissionState("chair", floor="0")
+    context = StepContext.from_inputs(state, w.maps(), w.robot(), config, FmmPlanner(), {}, rule_of(config))
+    found = [replace(f, hidden_m2=hidden_m2) for f in context.reach.frontiers]
+    assert {r.chance for r in by_places(context, found)} == {config.places_certainty * share}

@@ -112,8 +112,14 @@ def rank(
 def _hides(frontier: Frontier, wide: float) -> float:
     """What a frontier is expected to hide, 0.5 to 1: a wide one (``wide`` cells) more than a slit. Where a map from before knows
     how much is hidden, that counts instead."""
-    share = frontier.n_cells / wide if math.isnan(frontier.hidden_m2) else frontier.hidden_m2 / _MUCH_HIDDEN_M2
-    return 0.5 + 0.5 * min(1.0, share)
+    if not math.isnan(frontier.hidden_m2):
+        return weight_by_hidden(frontier)
+    return 0.5 + 0.5 * min(1.0, frontier.n_cells / wide)
+
+
+def weight_by_hidden(frontier: Frontier) -> float:
+    """0.5 to 1 by how much a map from before knows to be hidden beyond a frontier; 1 without such a map."""
+    return 1.0 if math.isnan(frontier.hidden_m2) else 0.5 + 0.5 * min(1.0, frontier.hidden_m2 / _MUCH_HIDDEN_M2)
 
 
 def _score(frontier: Frontier, scaled_value: float, config: PlannerConfig) -> float:

@@ -22,7 +22,7 @@ def candidates(objects: Iterable[ObjectRecord], state: MissionState, config: Pla
     found = []
     for record, confirmed in possible_targets(objects, state.target):
         seen = robot_sees(record, state.target, config)
-        likely = confirmed or chance(record, state.target) >= config.accept_chance
+        likely = config.verification != "paper" and (confirmed or chance(record, state.target) >= config.accept_chance)
         ruled_out = record.status == "rejected" or (record.id in state.here.dismissed and not (seen and likely))
         ruled_out |= is_near_dismissed(record, state, config) and not seen
         if record.id == state.here.accepted_object or not ruled_out:

@@ -20,7 +20,9 @@ def doubtful_objects(context: StepContext) -> list[Option]:
 
 def _is_doubtful(context: StepContext, record: ObjectRecord) -> bool:
     here, config = context.state.here, context.config
-    if record.id not in here.dismissed or record.status == "rejected" or config.promising_chance is None:
+    if record.id not in here.dismissed or record.status == "rejected":
+        return False
+    if config.verification == "paper" or config.promising_chance is None:
         return False
     if not 0 < len(here.looked_from.get(record.id, ())) < config.max_look_places:
         return False

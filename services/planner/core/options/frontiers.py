@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from surveilnav.services.planner.core.context import RatedFrontier, StepContext
+from surveilnav.services.planner.core.config import PlannerConfig
+from surveilnav.services.planner.core.context import FrontierRule, RatedFrontier, StepContext
 from surveilnav.services.planner.core.goals.frontier_access import available_frontiers, current_frontier
 from surveilnav.services.planner.core.goals.frontiers import Frontier, exploring_cost_m, rank
 from surveilnav.services.planner.core.goals.stairs import path_to_floor_goal
@@ -24,14 +25,15 @@ def constrained_frontiers(context: StepContext) -> list[Option]:
     return _options(context, available_frontiers(context))
 
 
-def by_chance_per_metre(context: StepContext, found: Sequence[Frontier]) -> list[RatedFrontier]:
-    """Our ``FrontierRule``: the chance that exploring a frontier finds the target, for each metre of the way there and beyond.
+def rule_of(config: PlannerConfig) -> FrontierRule:
+    """The ``FrontierRule`` of the strategy."""
+    return by_places if config.strategy == "places" else by_chance_per_metre
 
-    With the strategy ``places`` a learned model says how long that way is (``places.rule.by_places``).
-    """
+
+def by_chance_per_metre(context: StepContext, found: Sequence[Frontier]) -> list[RatedFrontier]:
+    """The ``FrontierRule`` of the paper's strategies: the chance that exploring a frontier finds the target, for each metre of
+    the way there and beyond."""
     config = context.config
-    if config.strategy == "places":
-        return by_places(context, found)
     ranked, by_value = rank(found, context.maps, context.state.target, config)
     why = "by value, width and way" if by_value else "by width and way"
     return [

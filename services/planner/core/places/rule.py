@@ -8,21 +8,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surveilnav.services.planner.core.context import RatedFrontier, StepContext
-from surveilnav.services.planner.core.goals.frontiers import Frontier
+from surveilnav.services.planner.core.goals.frontiers import Frontier, weight_by_hidden
 from surveilnav.services.planner.core.places.model import shipped
 
 
 def by_places(context: StepContext, found: Sequence[Frontier]) -> list[RatedFrontier]:
     """A ``FrontierRule``: the frontier over which the way to the target is expected to be the shortest.
 
-    Its utility is ``places_certainty`` for each metre of this way, so that it can be compared with those of objects.
+    Its utility is ``places_certainty`` for each metre of this way, so that it can be compared with those of objects; less where a
+    map from before knows that little is hidden.
     """
     model, robot, certainty = shipped(), context.robot, context.config.places_certainty
     chances = model.chances(context.maps, (robot.x_m, robot.y_m), found, context.state.target)
     rated = []
     for f, beyond_m in zip(found, expected_way_m(chances, model.within_m), strict=True):
         cost_m = f.travel_time_m + float(beyond_m)
-        rated.append(RatedFrontier(f, certainty, certainty / cost_m, cost_m, f"{beyond_m:.1f} m expected beyond"))
+        chance = certainty * weight_by_hidden(f)
+        rated.append(RatedFrontier(f, chance, chance / cost_m, cost_m, f"{beyond_m:.1f} m expected beyond"))
     return rated
 
 
