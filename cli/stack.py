@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 import time
@@ -20,6 +21,9 @@ from surveilnav.services.gateway.core.resources import NEEDED
 
 _SOON_S = 5.0
 #: The setting by which several fusion services share a building.
+#: A file system in memory, on Linux.
+_IN_MEMORY = Path("/dev/shm")
+_HANDOVER_FOLDER = "SURVEILNAV_BUS__HANDOVER_FOLDER"
 _SHARDS = "SURVEILNAV_FUSION__SHARDS"
 #: Services that are stopped have this long to end by themselves, as in containers: on a busy machine 5 s were too few.
 _GRACE_S = 10.0
@@ -66,6 +70,8 @@ class Stack:
 
     def __enter__(self) -> Stack:
         self.log_dir.mkdir(parents=True, exist_ok=True)
+        if folder := self._handover_folder():
+            self.environment = {**self.environment, _HANDOVER_FOLDER: str(folder)}
         try:
             for name in self._programs():
                 self.start(name)
@@ -76,6 +82,13 @@ class Stack:
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
         self.stop()
+
+    def _handover_folder(self) -> Path | None:
+        """Where the processes hand each other payloads: a folder in memory, one for each router; None: there is no such place, or
+        the environment names another."""
+        if not _IN_MEMORY.is_dir() or _HANDOVER_FOLDER in os.environ:
+            return None
+        return _IN_MEMORY / f"surveilnav-{os.getuid()}-{self.bus.router_port}"
 
     def _programs(self) -> dict[str, _Program]:
         """All of the stack by name, in the order of their start."""
@@ -181,6 +194,8 @@ class Stack:
         services = [p for name, p in self.processes.items() if name != "router"]
         terminate(services)
         terminate([p for name, p in self.processes.items() if name == "router"])
+        if folder := self._handover_folder():
+            shutil.rmtree(folder, ignore_errors=True)
 
 
 def launch(module: str, arguments: Sequence[str], variables: dict[str, str], log: Path) -> subprocess.Popen[bytes]:

@@ -113,6 +113,7 @@ class FusionService:
             self._intake.withdraw(removal)
 
     def _on_forget(self, request: Request) -> Answer:
+        self._node.handover.clear()
         has_file = self._log.forget_pictures()
         self._node.log.warning("forgets pictures", reason=request.message.reason)
         message = "pictures go from the store within seconds" if has_file else "no store, so there are no past pictures"

@@ -29,6 +29,7 @@ class InferenceHandler:
     """Answers requests about views. ``pipeline``: where they are processed."""
 
     def __init__(self, node: Node, backend: Backend, embedding: EmbeddingStage, settings: PerceptionSettings) -> None:
+        self._handover = node.handover
         self._node, self._backend, self._embedding, self._worker = node, backend, embedding, settings.worker
         self._cache, self._prompt_embedder = ReplyCache(backend, settings), ThreadPoolExecutor(1, "new prompts")
         self.pipeline = StagePipeline(self._stages(settings), settings.capacity, node.stopping)
@@ -58,6 +59,7 @@ class InferenceHandler:
             WireError: the request or its picture is malformed.
             Refused: it can't be processed; the name says why.
         """
+        payload = self._picture(request, payload)
         try:
             check_view(request, payload, needs_prompts=self._backend.needs_prompts)
         except Refusal as error:
@@ -70,6 +72,13 @@ class InferenceHandler:
                 return self._reply_from_cache(request, cached)
         self._admit(pending.job(received_ns))
         return pending.answer
+
+    def _picture(self, request: InferRequest, payload: bytes) -> bytes:
+        """The picture of a request: its payload, or what was handed over in the folder. Refused: it isn't there any more."""
+        picture = self._handover.get(request.handed) if request.handed else payload
+        if picture is None:
+            raise Refused("not_handed", "the picture isn't in the folder: send it")
+        return picture
 
     def _reply_from_cache(self, request: InferRequest, cached: CachedReply) -> Answer | Future[Any]:
         """The cached reply for this request. If its prompts are new, a future: their embedding waits for the backend."""

@@ -113,4 +113,5 @@ class PerceptionService:
             cached=self._inference.cache_hits,
             open_vocabulary=self._backend.vocabulary is None,
             calibrated=self._backend.calibrated,
+            handover=self._node.handover.token,
         )

@@ -62,6 +62,7 @@ def test_a_request_to_perception_carries_no_truth():
         "deadline_ms",
         "detects",
         "asker",
+        "handed",
         "cancel",
     }
     assert fields(InferReply) == {

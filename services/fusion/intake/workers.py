@@ -89,7 +89,7 @@ class Workers:
             if untried and left_s > 0:
                 asked = untried.pop(0)
                 waiting_for.append(asked.worker)
-                self._send(replies, asked.worker, stream, request, payload, left_s)
+                self._send(replies, asked, stream, request, payload, left_s)
             # wait for whoever answers first; if there is another worker to ask, only until this one is late
             may_be_late = asked if untried else None
             patience_s = self._patience_s(may_be_late, timeout_s) if may_be_late else left_s + _GRACE_S
@@ -111,20 +111,21 @@ class Workers:
     def _send(
         self,
         replies: queue.Queue[_WorkerReply],
-        worker: str,
+        load: WorkerLoad,
         stream: Stream,
         request: InferRequest,
         payload: bytes,
         timeout_s: float,
     ) -> None:
         """Sends a request to a worker on a thread of its own, which puts the outcome into ``replies``."""
+        worker = load.worker
         deadline_ms = min(request.deadline_ms, int(_DEADLINE_SHARE * 1000 * timeout_s))
         request = msgspec.structs.replace(request, deadline_ms=deadline_ms)
 
         def ask() -> None:
             result: Received[Any] | Exception
             try:
-                result = self._node.ask(stream, request, payload=payload, timeout_s=timeout_s, worker=worker)
+                result = self._ask(load, stream, request, payload, timeout_s)
             except Exception as error:
                 result = error
             with self._lock:
@@ -136,6 +137,21 @@ class Workers:
         with self._lock:
             self._selector.record_request(worker)
         threading.Thread(target=keep_request_id(ask), name=f"ask-{worker}", daemon=True).start()
+
+    def _ask(
+        self, load: WorkerLoad, stream: Stream, request: InferRequest, payload: bytes, timeout_s: float
+    ) -> Received[Any]:
+        """Asks a worker. It is handed the picture if it sees the same folder, and sent it if it doesn't find it there."""
+        folder, until_s = self._node.handover, time.monotonic() + timeout_s
+        if payload and folder.token and load.handover == folder.token and (name := folder.put(payload)):
+            try:
+                handed = msgspec.structs.replace(request, handed=name)
+                return self._node.ask(stream, handed, timeout_s=timeout_s, worker=load.worker)
+            except Refused as error:
+                if error.name != "not_handed":
+                    raise
+        left_s = max(0.1, until_s - time.monotonic())
+        return self._node.ask(stream, request, payload=payload, timeout_s=left_s, worker=load.worker)
 
     def _cancel(self, stream: Stream, request: InferRequest, workers: Iterable[str]) -> None:
         """Tells workers that a request has been answered, so that they drop it if it still waits."""

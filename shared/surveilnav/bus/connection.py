@@ -18,6 +18,7 @@ import zenoh
 
 from surveilnav.bus import wire
 from surveilnav.bus.correlation import attached_request_id, bound_request_id, request_id
+from surveilnav.bus.handover import HandoverFolder
 from surveilnav.bus.logs import RateLimiter
 from surveilnav.bus.settings import MAX_MESSAGE_BYTES, BusSettings, host_and_port
 from surveilnav.bus.traffic import TrafficMeter
@@ -33,6 +34,8 @@ PRIORITY = {
     "maps": zenoh.Priority.DATA,  # above bulk data: a query for a map is small and must not wait for frames
     "bulk": zenoh.Priority.DATA_LOW,
 }
+#: In an encoding, before the name of a payload in the ``HandoverFolder``.
+_HANDED = ";handed="
 #: "Leave out" is Zenoh's BLOCK_FIRST: at each link one message waits without blocking the sender, and those that come
 #: meanwhile are dropped as a whole. Zenoh's DROP would send parts of a message before giving it up.
 CONGESTION = {"wait": zenoh.CongestionControl.BLOCK, "leave out": zenoh.CongestionControl.BLOCK_FIRST}
@@ -77,6 +80,7 @@ class Connection:
         wake: set whenever something arrived that a loop may wait for.
         large_answer: held while waiting for an answer that may be left out; see ``queries.Question``.
         identity: the common name of this process's certificate; empty without security.
+        handover: where processes of this machine hand each other payloads.
     """
 
     def __init__(self, name: str, settings: BusSettings) -> None:
@@ -86,6 +90,7 @@ class Connection:
         self.traffic = TrafficMeter()
         self.stopping, self.wake = threading.Event(), threading.Event()
         self.large_answer = threading.Lock()
+        self.handover = HandoverFolder(settings.handover_folder, settings.handover_mb << 20)
         self._log_limiter = RateLimiter()
         self._known_requests = RateLimiter(period_s=math.inf)
         self._threads: list[threading.Thread] = []
@@ -219,11 +224,17 @@ def bytes_of(data: Any) -> bytes:
     return data.to_bytes() if data is not None else b""
 
 
-def encoding_of(message: type[Message], mime: str = "application/msgpack") -> zenoh.Encoding:
-    """The Zenoh encoding for a message of this type: a MIME type and the message's schema."""
-    return zenoh.Encoding(mime).with_schema(schema_of(message))
+def encoding_of(message: type[Message], mime: str = "application/msgpack", handed: str = "") -> zenoh.Encoding:
+    """The Zenoh encoding for a message of this type: a MIME type and the message's schema. ``handed``: the name under which its
+    payload lies in the ``HandoverFolder``."""
+    return zenoh.Encoding(mime).with_schema(schema_of(message) + (_HANDED + handed if handed else ""))
 
 
 def schema_in(encoding: Any) -> str:
     """The schema in a Zenoh encoding, which stands after a semicolon; empty if there is none."""
-    return str(encoding).partition(";")[2] if encoding is not None else ""
+    return str(encoding).partition(";")[2].partition(_HANDED)[0] if encoding is not None else ""
+
+
+def handed_in(encoding: Any) -> str:
+    """The name under which a message's payload lies in the ``HandoverFolder``; empty if it came with the message."""
+    return str(encoding).partition(_HANDED)[2] if encoding is not None else ""

@@ -53,6 +53,7 @@ class Node:
     Attributes:
         stopping: set when the process ends.
         wake: set whenever something arrived that a loop may wait for.
+        handover: where processes of this machine hand each other payloads.
         ready: whether the service can work; part of ``healthy``.
     """
 
@@ -73,6 +74,7 @@ class Node:
         self.log, self.traffic = self._connection.log, self._connection.traffic
         self.stopping = self._connection.stopping
         self.wake = self._connection.wake
+        self.handover = self._connection.handover
         self.ready: Callable[[], bool] = lambda: True
         self._announces, self._waits_for_name = alive, waits_for_name
         self._problems: dict[str, str] = {}
@@ -132,6 +134,7 @@ class Node:
                 if due and self._traffic_publisher.matched:
                     reported, reported_s = news, time.monotonic()
                     self._traffic_publisher.put(self.traffic_report())
+                self.handover.remove_old()
                 if self.settings.health_file and self.healthy():
                     self.settings.health_file.parent.mkdir(parents=True, exist_ok=True)
                     self.settings.health_file.touch()

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 from urllib.parse import quote, unquote
 
@@ -22,6 +22,7 @@ from surveilnav.bus.connection import (
     bytes_of,
     check_size,
     encoding_of,
+    handed_in,
     schema_in,
 )
 from surveilnav.bus.correlation import (
@@ -31,12 +32,15 @@ from surveilnav.bus.correlation import (
     has_no_message,
     request_id,
 )
+from surveilnav.bus.handover import MIN_BYTES
 from surveilnav.bus.wire import Refused, Unanswered, clock_ns, decode, encode
 from surveilnav.contract import Stream
 from surveilnav.errors import SurveilNavError, WireError
 from surveilnav.messages import ErrorReply
 from surveilnav.messages.base import Message
 
+#: The parameter by which an asker tells the token of its ``HandoverFolder``.
+_HANDOVER = "handover"
 #: Name of the error when the queue is full.
 BUSY = "busy"
 #: Pause before a query is repeated whose answer was left out.
@@ -194,7 +198,8 @@ class QueryServer:
             ids = stream.ids_of(self._key) or {}
         if stream.kind == "query" and stream.request is not None and not ids:
             raise WireError(f"expected a key like {stream.key} without wildcards, got {key!r:.120}")
-        return Request(ids, _parameters(query), message, payload, received_ns)
+        parameters = {name: value for name, value in _parameters(query).items() if name != _HANDOVER}
+        return Request(ids, parameters, message, payload, received_ns)
 
     def _reply(self, query: Any, answer: Answer) -> None:
         key = str(query.key_expr)
@@ -204,12 +209,22 @@ class QueryServer:
                 return  # the query was for another stream, whose keys match this one's
         header = encode(answer.message)
         check_size(key, header, answer.payload)
-        encoding = encoding_of(type(answer.message))  # the reply has the query's priority and congestion control
+        handed = self._handed(query, answer.payload)
+        payload = b"" if handed else answer.payload
+        encoding = encoding_of(type(answer.message), handed=handed)
+        # the reply has the query's priority and congestion control
         if self._stream.payload:
-            query.reply(key, answer.payload, attachment=header, encoding=encoding)
+            query.reply(key, payload, attachment=header, encoding=encoding)
         else:
             query.reply(key, header, encoding=encoding)
-        self._connection.traffic.count(key, "offered", len(header) + len(answer.payload) + len(key))
+        self._connection.traffic.count(key, "offered", len(header) + len(payload) + len(key))
+
+    def _handed(self, query: Any, payload: bytes) -> str:
+        """The name under which a payload was left for the asker; empty if it has to be sent."""
+        folder = self._connection.handover
+        if len(payload) < MIN_BYTES or not folder.token or _parameters(query).get(_HANDOVER) != folder.token:
+            return ""
+        return folder.put(payload)
 
     def _refuse(self, query: Any, name: str, message: str, retry_after_ms: int | None = None) -> None:
         error = ErrorReply(stamp_ns=clock_ns(), name=name, message=message, retry_after_ms=retry_after_ms)
@@ -223,7 +238,7 @@ class QueryServer:
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """A query to a key of a stream."""
+    """A query to a key of a stream. ``is_sent``: the answer must not be handed over in a folder."""
 
     connection: Connection
     stream: Stream
@@ -231,6 +246,7 @@ class Question:
     request: Message | None = None
     payload: bytes = b""
     parameters: dict[str, str] | None = None
+    is_sent: bool = False
 
     def ask(self, timeout_s: float) -> Received[Any]:
         """Sends it and returns its one answer. If answers of the stream may be left out, it is repeated until one arrives.
@@ -252,7 +268,7 @@ class Question:
 
     def ask_all(self, timeout_s: float) -> list[Received[Any]]:
         """Sends it to all who serve the key, and returns the answers that arrive in time, without errors."""
-        replies = (reply.ok for reply in self._replies(timeout_s) if reply.ok is not None)
+        replies = (reply.ok for reply in replace(self, is_sent=True)._replies(timeout_s) if reply.ok is not None)
         answers = [self.connection.decode(self.stream, reply) for reply in replies]
         return [answer for answer in answers if answer is not None]
 
@@ -277,20 +293,32 @@ class Question:
     def _ask_once(self, timeout_s: float) -> Received[Any] | None:
         """The answer; None if none came and none will. Raises Refused or Unanswered."""
         refused: Refused | None = None
-        timed_out = unreadable = False
+        timed_out = unreadable = is_lost = False
         for reply in self._replies(timeout_s):
             if reply.ok is not None:
                 if received := self.connection.decode(self.stream, reply.ok):
-                    return received
-                unreadable = True
+                    if whole := self._with_payload(received, handed_in(reply.ok.encoding)):
+                        return whole
+                    is_lost = True
+                else:
+                    unreadable = True
             elif (refused := _refusal(reply.err)) is None:
                 timed_out = True
+        if is_lost:
+            return replace(self, is_sent=True)._ask_once(timeout_s)
         if refused:
             raise refused
         if timed_out or unreadable:
             why = f"not within {timeout_s:.3g} s" if timed_out else "what came can't be read"
             raise Unanswered(f"no answer from {self.key}: {why}", timed_out=timed_out)
         return None
+
+    def _with_payload(self, received: Received[Any], handed: str) -> Received[Any] | None:
+        """An answer with the payload that was left for it in the folder; None: it isn't there any more."""
+        if not handed:
+            return received
+        payload = self.connection.handover.get(handed)
+        return None if payload is None else replace(received, payload=payload)
 
     def _is_served(self) -> bool:
         """Whether somebody serves the key. Without asking, an answer that was left out looks as if nobody did."""
@@ -317,8 +345,11 @@ class Question:
             payload, attachment = header, b""
         check_size(self.key, attachment, payload)
         selector: Any = self.key
-        if self.parameters:
-            selector = f"{self.key}?" + ";".join(f"{quote(k)}={quote(v)}" for k, v in self.parameters.items())
+        parameters = dict(self.parameters or {})
+        if self.stream.payload and not self.is_sent and (token := self.connection.handover.token):
+            parameters[_HANDOVER] = token
+        if parameters:
+            selector = f"{self.key}?" + ";".join(f"{quote(k)}={quote(v)}" for k, v in parameters.items())
         self.connection.traffic.count(self.key, "offered", len(attachment) + len(payload) + len(self.key))
         with bus_errors(self.key):
             replies = self.connection.session_for(self.stream).get(

@@ -77,6 +77,12 @@ class BusSettings(BaseSettings):
     health_file: Path | None = Field(
         None, description="a file that is touched every second while the service is healthy"
     )
+    handover_folder: Path | None = Field(
+        None,
+        description="a folder in memory that processes of one machine see: in it they hand each other pictures, maps and "
+        "recordings, which then don't cross the bus; not set: everything is sent",
+    )
+    handover_mb: int = Field(48, ge=1, le=65_536, description="MB in that folder; the oldest make room")
     log_format: Literal["console", "json"] = Field("console", description="how a log line is written")
     log_level: Literal["debug", "info", "warning", "error"] = Field(
         "info", description="less important log lines are left out"

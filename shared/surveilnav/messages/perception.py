@@ -21,6 +21,8 @@ class InferRequest(Message, frozen=True, kw_only=True):
         deadline_ms: the worker refuses the request if it can't answer within this time after it arrived.
         detects: False if only the view's embedding is wanted.
         asker: identifies who asks. A newer request of the same asker about the same view supersedes one that still waits.
+        handed: the name under which the payload lies in the folder that the worker sees, too (``HandoverFolder``); then there is
+            none here.
         cancel: cancels the ``asker``'s earlier request with this ``stamp_ns`` about this view. The answer is empty.
     """
 
@@ -37,6 +39,7 @@ class InferRequest(Message, frozen=True, kw_only=True):
     deadline_ms: int = 30_000
     detects: bool = True
     asker: str = ""
+    handed: str = ""
     cancel: bool = False
 
 
@@ -123,6 +126,7 @@ class WorkerLoad(Message, frozen=True, kw_only=True):
         cached: number of requests answered from the cache.
         open_vocabulary: whether it looks for any word.
         calibrated: whether its detections have a ``chance``.
+        handover: the token of the folder in which it can be handed pictures; empty: they are sent.
     """
 
     worker: str
@@ -137,3 +141,4 @@ class WorkerLoad(Message, frozen=True, kw_only=True):
     cached: int = 0
     open_vocabulary: bool = False
     calibrated: bool = False
+    handover: str = ""

@@ -6,6 +6,7 @@ import math
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -115,9 +116,9 @@ def make_worker(bus: BusSettings, client: Node) -> Iterator[Callable[..., Worker
     """Starts a worker with a backend; settings as keywords; ``warm=False`` leaves it unready."""
     nodes: list[Node] = []
 
-    def make(backend: Backend, *, warm: bool = True, **settings: Any) -> Worker:
+    def make(backend: Backend, *, warm: bool = True, folder: Path | None = None, **settings: Any) -> Worker:
         name = f"w{clock_ns()}"
-        node = Node("perception", name, bus)
+        node = Node("perception", name, bus.model_copy(update={"handover_folder": folder}))
         node.__enter__()
         nodes.append(node)
         worker = Worker(node, client, backend, PerceptionSettings(worker=name, **settings))

@@ -5,10 +5,12 @@ from __future__ import annotations
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 
 from surveilnav.bus import Refused, clock_ns
+from surveilnav.bus.handover import HandoverFolder
 from surveilnav.cli.stack import environment
 from surveilnav.contract import PERCEPTION_LOAD, PERCEPTION_TEXT, TRUTH
 from surveilnav.errors import PerceptionError
@@ -438,3 +440,16 @@ def test_texts_are_embedded_once_and_the_space_is_named(make_worker, scripted):
     assert len(reply.embeddings) == 2
     assert reply.models.embedder == "e@1"
     assert backend.texts.count("abcd") == 1
+
+
+def test_a_picture_in_the_shared_folder_is_as_good_as_one_that_is_sent(make_worker, scripted, request_of, tmp_path):
+    share = HandoverFolder(tmp_path, 1 << 20)
+    worker = make_worker(scripted(), folder=tmp_path)
+    assert worker.service.load().handover == share.token
+    asked, picture = request_of(10)
+    handed = msgspec.structs.replace(asked, handed=share.put(picture))
+    assert worker.ask((handed, b"")).detections == worker.ask((asked, picture)).detections
+    for name in ("0" * 32, "../token", "token"):
+        with pytest.raises(Refused, match="send it") as refused:
+            worker.ask((msgspec.structs.replace(asked, handed=name), b""))
+        assert refused.value.name == "not_handed"

@@ -6,12 +6,14 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
+from typing import Any
 
 import msgspec
 import pytest
 
 from surveilnav import contract
 from surveilnav.bus import Answer, BusSettings, Node, Refused, Unanswered, clock_ns
+from surveilnav.bus.handover import HandoverFolder
 from surveilnav.bus.router import free_port, open_router
 from surveilnav.errors import PerceptionError
 from surveilnav.messages import InferReply, InferRequest, WorkerLoad
@@ -24,8 +26,11 @@ ASKED = InferRequest(stamp_ns=1, source="robot/r", view=0, seq=1)
 class FakeWorker:
     """Says that it is idle and fast; answers as ``behave`` says."""
 
-    def __init__(self, bus: BusSettings, name: str, behave: Callable[[], object], *, ready: bool = True) -> None:
-        self.name, self.behave, self.ready, self.asked = name, behave, ready, 0
+    def __init__(
+        self, bus: BusSettings, name: str, behave: Callable[[], object], *, ready: bool = True, share: str = ""
+    ) -> None:
+        self.name, self.behave, self.ready, self.share, self.asked = name, behave, ready, share, 0
+        self.payloads: list[bytes] = []
         self.requests: list[InferRequest] = []
         self.node = Node("perception", name, bus).__enter__()
         self._load = self.node.publisher(contract.PERCEPTION_LOAD, worker=name)
@@ -44,11 +49,13 @@ class FakeWorker:
                     capacity=4,
                     latency_ms=1.0,
                     ready=self.ready,
+                    handover=self.share,
                 )
             )
 
     def _infer(self, request):
         self.requests.append(request.message)
+        self.payloads.append(request.payload)
         if request.message.cancel:
             return Answer(reply_of(self.name))
         self.asked += 1
@@ -83,7 +90,7 @@ def bus() -> Iterator[BusSettings]:
 def make_worker(bus: BusSettings) -> Iterator[Callable[..., FakeWorker]]:
     made: list[FakeWorker] = []
 
-    def make(name: str, behave: Callable[[], object] = lambda: None, **options: bool) -> FakeWorker:
+    def make(name: str, behave: Callable[[], object] = lambda: None, **options: Any) -> FakeWorker:
         made.append(FakeWorker(bus, name, behave, **options))
         return made[-1]
 
@@ -210,3 +217,32 @@ def test_who_has_no_name_cancels_nothing(make_worker, workers) -> None:
     ask(workers(2))
     assert not any(t.name.startswith("cancel") for t in threading.enumerate())
     assert [r.cancel for r in late.requests] == [False]
+
+
+@pytest.mark.parametrize("shares", ["the folder", "another", "none"])
+def test_a_worker_that_shares_the_folder_is_handed_the_picture(make_worker, workers, tmp_path, shares) -> None:
+    share = HandoverFolder(tmp_path / "share", 1 << 20)
+    other = HandoverFolder(tmp_path / "other", 1 << 20)
+    worker = make_worker("a", share={"the folder": share.token, "another": other.token, "none": ""}[shares])
+    seen = workers(1)
+    seen._node.handover = share
+    seen.ask(contract.PERCEPTION_INFER, ASKED, b"a picture", timeout_s=20)
+    (asked,), (payload,) = worker.requests, worker.payloads
+    if shares == "the folder":
+        assert (share.get(asked.handed), payload) == (b"a picture", b"")
+    else:
+        assert (asked.handed, payload) == ("", b"a picture")
+
+
+def test_a_picture_that_is_not_there_any_more_is_sent(make_worker, workers, tmp_path) -> None:
+    share = HandoverFolder(tmp_path, 1 << 20)
+    outcomes = iter([Refused("not_handed", "it isn't there"), None, Refused("bad_image", "no picture")])
+    worker = make_worker("a", lambda: next(outcomes), share=share.token)
+    seen = workers(1)
+    seen._node.handover = share
+    seen.ask(contract.PERCEPTION_INFER, ASKED, b"a picture", timeout_s=20)
+    assert worker.payloads == [b"", b"a picture"]
+    assert [bool(r.handed) for r in worker.requests] == [True, False]
+    with pytest.raises(Refused, match="no picture"):
+        seen.ask(contract.PERCEPTION_INFER, ASKED, b"a picture", timeout_s=20)
+    assert len(worker.payloads) == 3, "what isn't about the folder isn't asked again"
