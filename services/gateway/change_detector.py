@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Callable
@@ -27,6 +28,8 @@ from surveilnav.services.gateway.traffic import MissionTrafficMeter
 _COMPARE_PERIOD_S = 0.5
 #: Minimum time between two requests for the objects of a floor, which are only made if its maps have changed.
 _OBJECTS_PERIOD_S = 2.0
+#: So often they are requested although the revision is the same: after a restart of fusion it may mean other maps.
+_OBJECTS_REFRESH_S = 60.0
 _SERVICES = ("planner", "fusion", "perception")
 
 
@@ -68,7 +71,7 @@ class ChangeDetector:
         self._robots: Tracked[RobotSituation] = Tracked(changes.robot_changes)
         self._processes: Tracked[ServiceState] = Tracked(changes.process_changes)
         self._objects: dict[str, Tracked[ObjectRecord]] = {}
-        #: When a floor's objects were last requested [monotonic s], and the stamp of the revision they are of.
+        #: When a floor's objects were last requested [monotonic s], and the revision they are of.
         self._objects_read: dict[str, tuple[float, int]] = {}
         self.brief_objects: dict[str, dict[str, Object]] = {}
 
@@ -78,7 +81,7 @@ class ChangeDetector:
                 self.compare()
                 revisions = self._state.revisions.newest("floor")
                 for floor, row in revisions.items():
-                    self._compare_objects(floor, row.message.stamp_ns)
+                    self._compare_objects(floor, row.message.revision)
                 for floor in self.brief_objects.keys() - revisions.keys():  # only a source that was removed had seen it
                     self.brief_objects.pop(floor)
             except Exception:  # a bug must not end the events in silence
@@ -131,13 +134,14 @@ class ChangeDetector:
         rows = self._state.services.newest("supervisor").values()
         return {state.name: state for row in rows for state in row.message.services}
 
-    def _compare_objects(self, floor: str, stamp_ns: int) -> None:
+    def _compare_objects(self, floor: str, revision: int) -> None:
         """Requests a floor's objects if its maps have changed, and compares them. If fusion is silent, a later call retries."""
-        requested_s, read_stamp_ns = self._objects_read.get(floor, (-_OBJECTS_PERIOD_S, 0))
+        requested_s, known = self._objects_read.get(floor, (-math.inf, -1))
         now_s = time.monotonic()
-        if stamp_ns == read_stamp_ns or now_s - requested_s < _OBJECTS_PERIOD_S or not self._state.alive("fusion"):
+        period_s = _OBJECTS_REFRESH_S if revision == known else _OBJECTS_PERIOD_S
+        if now_s - requested_s < period_s or not self._state.alive("fusion"):
             return
-        self._objects_read[floor] = now_s, read_stamp_ns
+        self._objects_read[floor] = now_s, known
         try:
             row = self._node.ask(
                 contract.OBJECTS, parameters={"detail": "brief"}, floor=floor, timeout_s=_OBJECTS_PERIOD_S
@@ -145,7 +149,7 @@ class ChangeDetector:
         except SurveilNavError as error:
             self._node.warn_seldom("can't hear of objects", floor=floor, error=str(error))
             return
-        self._objects_read[floor] = now_s, stamp_ns
+        self._objects_read[floor] = now_s, revision
         self.brief_objects[floor] = {f"{floor}/{o.id}": object_from_record(o) for o in row.message.objects}
         tracked = self._objects.setdefault(floor, Tracked(changes.object_changes))
         if found := tracked.update({str(o.id): o for o in row.message.objects}):

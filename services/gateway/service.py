@@ -106,7 +106,7 @@ class Gateway:
 
     def traffic(self) -> Traffic:
         """What every node counted, summed by node, camera and robot."""
-        return present_traffic(self.state)
+        return present_traffic(self.state, asks=True)
 
     def services(self) -> list[Service]:
         """Processes that are kept running, as `surveilnav up` reports them."""

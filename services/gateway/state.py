@@ -35,18 +35,18 @@ class LastKnown:
         self._lock, self._refreshing = threading.Lock(), threading.Lock()
         self._n_removals = 0  # counts the calls of ``forget`` and ``clear``
 
-    def rows(self) -> list[Received[Any]]:
-        """The newest row of every key, in the order of the keys."""
-        merged = self._refreshed_answers()
+    def rows(self, *, asks: bool = False) -> list[Received[Any]]:
+        """The newest row of every key, in the order of the keys. ``asks``: the stream is queried, too, if that is due."""
+        merged = self._refreshed_answers(asks or self._stream.rate_hz is None)
         for row in self._table.rows():
             known = merged.get(row.key)
             if known is None or known.message.stamp_ns <= row.message.stamp_ns:
                 merged[row.key] = row
         return [merged[key] for key in sorted(merged)]
 
-    def _refreshed_answers(self) -> dict[str, Received[Any]]:
+    def _refreshed_answers(self, asks: bool) -> dict[str, Received[Any]]:
         # while another caller refreshes, this one doesn't wait but returns what is known
-        if self._stream.rate_hz is None and self._refreshing.acquire(blocking=False):
+        if asks and self._refreshing.acquire(blocking=False):
             try:
                 self._refresh()
             finally:

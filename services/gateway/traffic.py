@@ -11,9 +11,9 @@ from surveilnav.services.gateway.core.traffic import ReportAge, sum_traffic
 from surveilnav.services.gateway.state import BuildingState
 
 
-def present_traffic(state: BuildingState) -> Traffic:
-    """The bytes that every node has counted, summed by node, camera and robot."""
-    rows = {f"{r.message.kind}/{r.message.node}": r for r in state.traffic.rows()}
+def present_traffic(state: BuildingState, *, asks: bool = False) -> Traffic:
+    """The bytes that every node has counted, summed by node, camera and robot. ``asks``: nodes are asked for newer counts."""
+    rows = {f"{r.message.kind}/{r.message.node}": r for r in state.traffic.rows(asks=asks)}
     received = {name: ReportAge(row.received_ns, state.traffic.is_old(row)) for name, row in rows.items()}
     return sum_traffic((row.message for row in rows.values()), received)
 

@@ -8,7 +8,7 @@ from surveilnav.sensing.truth import truth_to_wire
 from surveilnav.services.robot_node.observation import EncodedObservation
 
 #: An observation that no command follows is published again after these pauses [s]: a full link may have dropped it.
-_REPEAT_AFTER_S = (1.0, 2.0, 4.0, 8.0)
+_REPEAT_AFTER_S = (1.0, 2.0, 4.0, 8.0, 15.0, 30.0, 60.0, 120.0)
 
 
 class ObservationPublisher:
@@ -20,6 +20,7 @@ class ObservationPublisher:
         self._newest: EncodedObservation | None = None
         self._published_s = 0.0
         self._repeats = 0
+        self._was_heard = False
 
     def publish(self, observation: EncodedObservation, now_s: float) -> None:
         """Publishes a new observation."""
@@ -27,9 +28,13 @@ class ObservationPublisher:
         self._put(observation, now_s)
 
     def repeat_if_due(self, now_s: float) -> None:
-        """Publishes the newest observation again if that is due and somebody listens."""
+        """Publishes the newest observation again if that is due and somebody listens, or listens again."""
+        is_heard, was_heard = self._observations.matched, self._was_heard
+        self._was_heard = is_heard
+        if is_heard and not was_heard:
+            self._repeats = 0
         pause_s = _REPEAT_AFTER_S[min(self._repeats, len(_REPEAT_AFTER_S) - 1)]
-        if self._newest is not None and now_s - self._published_s >= pause_s and self._observations.matched:
+        if self._newest is not None and now_s - self._published_s >= pause_s and is_heard:
             self._repeats += 1
             self._put(self._newest, now_s)
 

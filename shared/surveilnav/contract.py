@@ -468,9 +468,9 @@ TRAFFIC = Stream(
     "every node",
     "put+query",
     1.0,
-    20_000,
+    60_000,
     "data",
-    "bytes offered and delivered per key, bytes on the wire; at most at this rate, seldom without news",
+    "bytes offered and delivered per key, bytes on the wire; at most at this rate, seldom while little is sent",
 )
 RECORDER_STATUS = Stream(
     "recorder_status",

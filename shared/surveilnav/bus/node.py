@@ -37,6 +37,8 @@ from surveilnav.messages.base import Message
 #: A loop that hasn't turned for this long counts as hanging. Rendering a view that isn't cached takes a second or two.
 _STALLED_S = 30.0
 _MAX_PROBLEM_CHARS = 500
+#: So many bytes that were sent or received are news, of which a traffic report is published.
+_REPORT_BYTES = 32_000
 
 
 class Node:
@@ -122,17 +124,17 @@ class Node:
         self._connection.start_thread(self._housekeeping, "housekeeping")
 
     def _housekeeping(self) -> None:
-        """Once a second: reports traffic if it changed, and touches the health file."""
-        reported: object = None
-        reported_s = 0.0
+        """Once a second: reports traffic if that is due, and touches the health file."""
+        reported_problems: dict[str, str] = {}
+        reported_bytes, reported_s = 0, 0.0
         while not self.stopping.wait(1.0):
             try:
-                # A long report every second would itself be traffic. Without news it is sent only before it becomes stale.
-                rows = [row for row in self.traffic.rows() if row.key != self._traffic_publisher.key]
-                news = rows, self._problems
-                due = news != reported or time.monotonic() - reported_s >= TRAFFIC.max_age_ms / 2000
+                # A long report every second would itself be traffic. While little is sent, one is sent before the last is stale.
+                n_bytes = sum(row.n_bytes for row in self.traffic.rows() if TRAFFIC.ids_of(row.key) is None)
+                is_news = n_bytes - reported_bytes >= _REPORT_BYTES or self._problems != reported_problems
+                due = is_news or time.monotonic() - reported_s >= TRAFFIC.max_age_ms / 2000
                 if due and self._traffic_publisher.matched:
-                    reported, reported_s = news, time.monotonic()
+                    reported_problems, reported_bytes, reported_s = self._problems, n_bytes, time.monotonic()
                     self._traffic_publisher.put(self.traffic_report())
                 self.handover.remove_old()
                 if self.settings.health_file and self.healthy():
