@@ -11,7 +11,7 @@ TEST_WORKERS ?= 2
 IMAGES ?= surveilnav surveilnav-simulation
 
 .DEFAULT_GOAL := help
-.PHONY: help setup check test coverage docs-site canary test-page test-torch test-compose test-faults soak fuzz lock sbom demo dataset bench bench-core bench-models bench-perception bench-bus bench-gateway bench-render bench-calibration bench-chances bench-live bench-same-actions docs clean
+.PHONY: help setup check test coverage docs-site canary test-page test-torch test-compose test-faults soak fuzz lock sbom demo dataset bench bench-core bench-models bench-perception bench-bus bench-traffic bench-gateway bench-render bench-calibration bench-chances bench-live bench-same-actions docs clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-18s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -87,6 +87,9 @@ bench-perception: $(READY) ## what a perception worker serves: throughput, overl
 
 bench-bus: $(READY) ## what a frozen reader or a slow link does to everybody else, by congestion control (half an hour or more)
 	$(BIN)/python tests/bench/bench_bus.py $(ARGS)
+
+bench-traffic: $(READY) ## what a search, the time after it and another search put on the bus, by link and key (3 minutes)
+	$(BIN)/python -m pytest -q -s tests/bench/bench_traffic.py
 
 bench-gateway: $(READY) ## what pages and programs cost the gateway, and the search beside them (7 minutes)
 	$(BIN)/python tests/bench/bench_gateway.py $(ARGS)

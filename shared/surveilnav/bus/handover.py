@@ -23,7 +23,7 @@ _NAME, _TOKEN = re.compile(r"[0-9a-f]{32}"), re.compile(r"[0-9a-f]{32}")
 _TOKEN_FILE = "token"
 _OLD_S = 30.0
 #: Smaller payloads are sent.
-MIN_BYTES = 1 << 16
+MIN_BYTES = 1 << 14
 
 
 class HandoverFolder:
