@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from operator import itemgetter
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,6 +17,8 @@ from surveilnav.cli.words import duration, human_bytes
 
 #: Clocks that are off by more than this are named.
 MAX_CLOCK_OFFSET_S = 1.0
+#: Nodes are asked for newer counts no more often.
+_WATCH_S = 5.0
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -26,6 +31,9 @@ def traffic(
     mission: Annotated[
         str, typer.Option(metavar="ID", help="Show instead what this mission has cost, and what it may come to.")
     ] = "",
+    watch: Annotated[
+        bool, typer.Option("--watch", help="Show until Ctrl-C what goes over each kind of link, a line every 5 s.")
+    ] = False,
     url: Url = DEFAULT_URL,
     as_json: AsJson = False,
 ) -> None:
@@ -34,9 +42,33 @@ def traffic(
         if mission:
             cost = asked.mission_traffic(known(asked, "mission", mission))
             print_result(cost, as_json, lambda: show_cost(cost, results))
+        elif watch:
+            with suppress(KeyboardInterrupt):  # as it is meant to end
+                for rates in watched_rates(asked.traffic, time.sleep, time.monotonic):
+                    print_result(rates, as_json, lambda rates=rates: results.print(rate_line(rates)))  # type: ignore[misc]
         else:
             found = asked.traffic()
             print_result(found, as_json, lambda: show_traffic(found, results, nodes=nodes))
+
+
+def watched_rates(
+    ask: Callable[[], Traffic], sleep: Callable[[float], None], clock: Callable[[], float]
+) -> Iterator[dict[str, float]]:
+    """What is offered a second on each kind of link [B/s], again and again: "camera", "robot", "server", "simulation"."""
+    before, before_s = ask().links, clock()
+    while True:
+        sleep(_WATCH_S)
+        now, now_s = ask().links, clock()
+        # a service that was started again counts from 0
+        moved = {name: max(0, n - getattr(before, name)) for name, n in now.model_dump().items()}
+        yield {name.removesuffix("_bytes"): n / (now_s - before_s) for name, n in moved.items()}
+        before, before_s = now, now_s
+
+
+def rate_line(rates: Mapping[str, float]) -> str:
+    """The rates of all links in one line, without the simulator's."""
+    shown = ((link, human_bytes(round(rate))) for link, rate in rates.items() if link != "simulation")
+    return "   ".join(f"{link} links {rate:>8}/s" for link, rate in shown)
 
 
 def show_cost(cost: MissionTraffic, console: Console) -> None:
@@ -65,6 +97,9 @@ def show_traffic(found: Traffic, console: Console, *, nodes: bool = False) -> No
     rows: list[list[Cell]] = [_source("camera", c) for c in found.cameras] + [_source("robot", r) for r in found.robots]
     total = [found.offered_bytes, found.delivered_bytes, found.wire_sent_bytes]
     listing(console, columns, [*rows, [("all processes", "bold"), *(human_bytes(n) for n in total), "", ""]])
+    links = found.links
+    named = (("cameras", links.camera_bytes), ("robots", links.robot_bytes), ("servers", links.server_bytes))
+    console.print("offered on links: " + ", ".join(f"{name} {human_bytes(n)}" for name, n in named))
     if nodes:
         console.print()
         _show_nodes(found, console)

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import surveilnav
 from surveilnav import contract
 from surveilnav.messages import TrafficReport
-from surveilnav.rest import NodeTraffic, SourceTraffic, Traffic
+from surveilnav.rest import LinkTraffic, NodeTraffic, SourceTraffic, Traffic
 from surveilnav.services.gateway.core.resources import utc
 
 _CAMERA_STREAMS = [s for s in contract.STREAMS if "camera" in s.fields]
@@ -47,10 +47,30 @@ def sum_traffic(reports: Iterable[TrafficReport], received: Mapping[str, ReportA
         offered_bytes=sum(n.offered_bytes for n in nodes),
         delivered_bytes=sum(n.delivered_bytes for n in nodes),
         wire_sent_bytes=sum(wire) if wire else None,
+        links=_links(ordered),
         nodes=nodes,
         cameras=_sources(ordered, "camera", received),
         robots=_sources(ordered, "robot", received),
     )
+
+
+def _links(reports: Iterable[TrafficReport]) -> LinkTraffic:
+    n_bytes = dict.fromkeys(("camera", "robot", "server", "simulation"), 0)
+    for report in reports:
+        for row in report.rows:
+            if row.direction == "offered":
+                n_bytes[_link(report.kind, row.key)] += row.n_bytes
+    return LinkTraffic(**{f"{link}_bytes": n for link, n in n_bytes.items()})
+
+
+def _link(kind: str, key: str) -> str:
+    """The link that what a node of this kind offers under a key crosses first."""
+    if _is_simulation(key):
+        return "simulation"
+    for end in ("camera", "robot"):
+        if kind == end or _owner_and_stream(key, end):
+            return end
+    return "server"
 
 
 def _node(report: TrafficReport, received: ReportAge) -> NodeTraffic:

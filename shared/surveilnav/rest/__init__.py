@@ -16,13 +16,9 @@ from surveilnav.rest.robots import FrameCorrection, Robot, RobotHalt, StageTimes
 from surveilnav.rest.session import NewSession, Session
 from surveilnav.rest.sightings import SearchedCamera, SearchedRoom, Sighting, Sightings, SightingsRequest
 from surveilnav.rest.streams import LIVE_RESOURCES, Event, LiveState, StreamData, Tile, TileState
-from surveilnav.rest.system import NodeTraffic, Readiness, Service, SourceTraffic, Traffic
+from surveilnav.rest.system import LinkTraffic, NodeTraffic, Readiness, Service, SourceTraffic, Traffic
 
 __all__ = [
-    "FINISHED_STATES",
-    "ID_PATTERN",
-    "LIVE_RESOURCES",
-    "ROOT",
     "AccessRecord",
     "Area",
     "Building",
@@ -31,12 +27,16 @@ __all__ = [
     "CameraStream",
     "CameraView",
     "Event",
+    "FINISHED_STATES",
     "Floor",
     "FloorCamera",
     "FrameCorrection",
     "GrowingItems",
+    "ID_PATTERN",
     "Items",
+    "LIVE_RESOURCES",
     "Layer",
+    "LinkTraffic",
     "LiveState",
     "Mission",
     "MissionPlan",
@@ -49,6 +49,7 @@ __all__ = [
     "ObjectEvent",
     "PictureKeeper",
     "Place",
+    "ROOT",
     "Readiness",
     "Recorder",
     "Recording",

@@ -67,8 +67,19 @@ class SourceTraffic(Resource):
     by_stream: dict[str, int] = Field(description="offered bytes by stream of the contract")
 
 
+class LinkTraffic(BaseModel):
+    """Offered bytes by the link that they cross first. Together they are all that was offered."""
+
+    camera_bytes: int = Field(default=0, description="by cameras, and by those who ask them: the building's network")
+    robot_bytes: int = Field(default=0, description="by robots, and to them: mostly a wireless network")
+    server_bytes: int = Field(default=0, description="by services to each other, and to people's programs")
+    simulation_bytes: int = Field(
+        default=0, description="by the simulator: no traffic of a real building, and in no other sum"
+    )
+
+
 class Traffic(BaseModel):
-    """Bytes offered, delivered and on the wire: in all, and by node, camera and robot.
+    """Bytes offered, delivered and on the wire: in all, and by link, node, camera and robot.
 
     ``wire_sent_bytes`` is the sum over the nodes whose kernel counts it.
     """
@@ -76,6 +87,7 @@ class Traffic(BaseModel):
     offered_bytes: int
     delivered_bytes: int
     wire_sent_bytes: int | None
+    links: LinkTraffic = LinkTraffic()
     nodes: list[NodeTraffic]
     cameras: list[SourceTraffic]
     robots: list[SourceTraffic]

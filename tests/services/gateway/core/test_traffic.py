@@ -87,6 +87,16 @@ def test_nodes_and_totals_leave_out_the_simulators_truth():
     assert sums.wire_sent_bytes == 1960
 
 
+def test_links_add_up_to_what_was_offered():
+    """The gateway's request of a picture goes to the camera, the planner's command to the robot."""
+    reports = [*REPORTS, report("fusion", "f2", (contract.OBJECTS.key_for(building="b", floor="0"), "offered", 1, 90))]
+    sums = sum_traffic(reports)
+    links = sums.links
+    assert (links.camera_bytes, links.robot_bytes, links.server_bytes) == (1130 + 5, 530 + 40, 90)
+    assert links.simulation_bytes == 7777
+    assert links.camera_bytes + links.robot_bytes + links.server_bytes == sums.offered_bytes
+
+
 def test_the_newest_report_of_a_node_counts():
     old, new = (
         report("camera", "c1", (FRAME, "offered", 1, 1), stamp_ns=1),
