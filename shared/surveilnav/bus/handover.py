@@ -11,13 +11,14 @@ import hashlib
 import os
 import re
 import secrets
+import stat
 import threading
 import time
 from collections import OrderedDict
 from contextlib import suppress
 from pathlib import Path
 
-from surveilnav.storage import atomic_write
+from surveilnav.storage import TEMPORARY, atomic_write
 
 _NAME, _TOKEN = re.compile(r"[0-9a-f]{32}"), re.compile(r"[0-9a-f]{32}")
 _TOKEN_FILE = "token"
@@ -93,17 +94,22 @@ class HandoverFolder:
         if not self.token:
             return
         assert self._folder is not None
-        for path in list(self._folder.iterdir()):
-            with suppress(OSError):
-                if _NAME.fullmatch(path.name) and time.time() - path.stat().st_mtime > older_than_s:
-                    path.unlink()
+        with suppress(OSError):  # the folder is gone, or somebody else removes the same
+            for path in list(self._folder.iterdir()):
+                is_payload = _NAME.fullmatch(path.name) or path.suffix == TEMPORARY
+                if is_payload and time.time() - path.stat().st_mtime > older_than_s:
+                    path.unlink(missing_ok=True)
 
 
 def _token_of(folder: Path) -> str:
-    """The token of a folder, which the first process that uses it writes. "": the folder can't be used."""
+    """The token of a folder, which the first process that uses it writes. "": the folder can't be used, or another user may have
+    made it to get what is left in it."""
     path = folder / _TOKEN_FILE
     try:
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        made_by = folder.lstat()
+        if not stat.S_ISDIR(made_by.st_mode) or made_by.st_uid not in (0, os.getuid()):
+            return ""
         new = folder / f"{_TOKEN_FILE}-{os.getpid()}-{secrets.token_hex(4)}"
         new.write_text(secrets.token_hex(16))
         try:

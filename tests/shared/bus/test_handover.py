@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import threading
 import time
 from contextlib import ExitStack
@@ -13,6 +14,7 @@ from surveilnav.bus import Answer, Node, handover
 from surveilnav.bus.handover import HandoverFolder
 from surveilnav.contract import VIEW_LOG
 from surveilnav.messages import LoggedView
+from surveilnav.storage import TEMPORARY
 from tests.waiting import until
 
 MB = 1 << 20
@@ -121,6 +123,32 @@ def test_what_nobody_has_fetched_is_removed_after_a_while(tmp_path):
     share.put(b"again")
     HandoverFolder(tmp_path, MB).remove_old()
     assert (share.get(old), share.get(new), share.get(again)) == (None, b"new", b"again")
+
+
+def test_a_folder_that_another_user_made_is_not_used(tmp_path, monkeypatch):
+    """Anybody may make a folder of a name that can be guessed, or a link to one, and read what is left in it."""
+    (tmp_path / "link").symlink_to(tmp_path)
+    assert HandoverFolder(tmp_path / "link", MB).token == ""
+    (tmp_path / "theirs").mkdir()
+    if os.getuid() == 0:
+        os.chown(tmp_path / "theirs", 12_345, -1)
+    else:
+        me = os.getuid()
+        monkeypatch.setattr(os, "getuid", lambda: me + 1)
+    assert HandoverFolder(tmp_path / "theirs", MB).token == ""
+
+
+def test_what_a_killed_writer_had_begun_is_removed_and_a_folder_that_is_gone_is_no_error(tmp_path):
+    folder = HandoverFolder(tmp_path / "one", MB)
+    begun = tmp_path / "one" / f".half{TEMPORARY}"
+    begun.write_bytes(b"half")
+    long_ago_s = time.time() - 60
+    os.utime(begun, (long_ago_s, long_ago_s))
+    folder.remove_old()
+    assert os.listdir(tmp_path / "one") == ["token"]
+    shutil.rmtree(tmp_path / "one")
+    folder.remove_old()
+    folder.clear()
 
 
 # --- answers on the bus -----------------------------------------------------------------------------------------------
