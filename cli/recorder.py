@@ -85,7 +85,7 @@ class Recorder:
             time.sleep(0.01)
 
     def _settle(self, *, wait_for_stop: bool) -> None:
-        """The last traffic reports come within a second; the view after ``stop`` takes as long as it is rendered."""
+        """The last messages come within a second; the view after ``stop`` takes as long as it is rendered."""
         now_s = time.monotonic()
         while time.monotonic() < now_s + (15.0 if wait_for_stop and not self._stopped() else 1.3):
             self.poll()
@@ -95,8 +95,10 @@ class Recorder:
         return bool(self.observations) and self.observations[max(self.observations)][0].last_action == "stop"
 
     def traffic(self) -> list[TrafficReport]:
-        """What every node counted, as it last said."""
-        return [row.message for row in self._traffic.rows()]
+        """What every node has counted now, or as it last said if it doesn't answer."""
+        told = {row.key: row.message for row in self._traffic.rows()}
+        told |= {row.key: row.message for row in self.node.ask_all(TRAFFIC, timeout_s=1.0)}
+        return list(told.values())
 
     def revisions(self) -> list[Revision]:
         """The newest state of each floor's maps."""

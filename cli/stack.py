@@ -7,6 +7,7 @@ import os
 import shutil
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -20,10 +21,10 @@ from surveilnav.security.folder import ACCESS, CA, CERTIFICATE, KEY, SecurityFol
 from surveilnav.services.gateway.core.resources import NEEDED
 
 _SOON_S = 5.0
-#: The setting by which several fusion services share a building.
 #: A file system in memory, on Linux.
 _IN_MEMORY = Path("/dev/shm")
 _HANDOVER_FOLDER = "SURVEILNAV_BUS__HANDOVER_FOLDER"
+#: The setting by which several fusion services share a building.
 _SHARDS = "SURVEILNAV_FUSION__SHARDS"
 #: Services that are stopped have this long to end by themselves, as in containers: on a busy machine 5 s were too few.
 _GRACE_S = 10.0
@@ -55,6 +56,7 @@ class Stack:
     searches: bool = True
     security: SecurityFolder | None = None
     processes: dict[str, subprocess.Popen[bytes]] = field(default_factory=dict)
+    _handover_folder: str = ""  # that was made for these processes
 
     @property
     def bus(self) -> BusSettings:
@@ -70,8 +72,9 @@ class Stack:
 
     def __enter__(self) -> Stack:
         self.log_dir.mkdir(parents=True, exist_ok=True)
-        if folder := self._handover_folder():
-            self.environment = {**self.environment, _HANDOVER_FOLDER: str(folder)}
+        if _IN_MEMORY.is_dir() and _HANDOVER_FOLDER not in {**os.environ, **self.environment}:
+            self._handover_folder = tempfile.mkdtemp(prefix="surveilnav-", dir=_IN_MEMORY)
+            self.environment = {**self.environment, _HANDOVER_FOLDER: self._handover_folder}
         try:
             for name in self._programs():
                 self.start(name)
@@ -82,13 +85,6 @@ class Stack:
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
         self.stop()
-
-    def _handover_folder(self) -> Path | None:
-        """Where the processes hand each other payloads: a folder in memory, one for each router; None: there is no such place, or
-        the environment names another."""
-        if not _IN_MEMORY.is_dir() or _HANDOVER_FOLDER in os.environ:
-            return None
-        return _IN_MEMORY / f"surveilnav-{os.getuid()}-{self.bus.router_port}"
 
     def _programs(self) -> dict[str, _Program]:
         """All of the stack by name, in the order of their start."""
@@ -194,8 +190,8 @@ class Stack:
         services = [p for name, p in self.processes.items() if name != "router"]
         terminate(services)
         terminate([p for name, p in self.processes.items() if name == "router"])
-        if folder := self._handover_folder():
-            shutil.rmtree(folder, ignore_errors=True)
+        if self._handover_folder:
+            shutil.rmtree(self._handover_folder, ignore_errors=True)
 
 
 def launch(module: str, arguments: Sequence[str], variables: dict[str, str], log: Path) -> subprocess.Popen[bytes]:

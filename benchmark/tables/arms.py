@@ -175,7 +175,7 @@ def _components() -> Table:
         "How two views of a thing are compared, how the values of several views of a place become one, and what ranks "
         "frontiers. An overlap is near 1 where two views see parts of one thing, an IoU is small: looks and place must "
         f"reach {AssociationConfig().tau:g} with overlap and {_BY_IOU['tau']:g} with an IoU, and overlap both ways makes one "
-        "object of two, at once or later, only with overlap. With `object` and `greedy`, values decide only "
+        "object of two, at once or later, only with overlap. With `places`, `object` and `greedy`, values decide only "
         "where to look around once more when all is explored.",
         tuple(arm for _, arm in sorted(arms, key=itemgetter(0))),
         factors=("association geometry", "value fusion", "strategy"),
@@ -211,7 +211,7 @@ TABLES: dict[str, Table] = {
         ),
         Table(
             "strategy",
-            "What the value map is made of",
+            "What ranks frontiers",
             "Ours and the paper's three, with the planner SP as there.",
             (
                 Arm("places", _run(planner="sp")),
@@ -222,7 +222,7 @@ TABLES: dict[str, Table] = {
         ),
         Table(
             "strategy-pixels",
-            "What the value map is made of, on pixels",
+            "What ranks frontiers, on pixels",
             "As `strategy`, but real detectors look; planner FMM.",
             (
                 Arm("places", _run(perception="onnx-coco")),

@@ -113,8 +113,8 @@ class FusionService:
             self._intake.withdraw(removal)
 
     def _on_forget(self, request: Request) -> Answer:
-        self._node.handover.clear()
         has_file = self._log.forget_pictures()
+        self._node.handover.clear()
         self._node.log.warning("forgets pictures", reason=request.message.reason)
         message = "pictures go from the store within seconds" if has_file else "no store, so there are no past pictures"
         return Answer(PicturesForgotten(stamp_ns=clock_ns(), keeper=self._node.id, message=message))

@@ -104,9 +104,9 @@ class Gateway:
         threading.Thread(target=pause_all, args=(why,), name="emergency-stop", daemon=True).start()
         return self.robots.halt(True, reason)
 
-    def traffic(self) -> Traffic:
-        """What every node counted, summed by node, camera and robot."""
-        return present_traffic(self.state, asks=True)
+    def traffic(self, *, asks: bool = False) -> Traffic:
+        """What every node counted, summed by link, node, camera and robot. ``asks``: nodes are asked for newer counts."""
+        return present_traffic(self.state, asks=asks)
 
     def services(self) -> list[Service]:
         """Processes that are kept running, as `surveilnav up` reports them."""

@@ -21,8 +21,8 @@ class LastKnown:
     """The newest message of every key of a stream, also of nodes that have left.
 
     The gateway misses a message that is only published on change if it was published before the gateway started, or by a node
-    that the gateway hadn't noticed yet. So such streams are also queried, every ``REFRESH_S``, by the first caller after that
-    time; its call blocks until the answers are there.
+    that the gateway hadn't noticed yet. So such streams, and those whose caller ``asks``, are also queried, every ``REFRESH_S``,
+    by the first caller after that time; its call blocks until the answers are there.
     """
 
     def __init__(self, node: Node, stream: Stream, capacity: int = 20_000) -> None:

@@ -36,7 +36,7 @@ def router(gateway: Gateway) -> APIRouter:
     @router.get(f"{ROOT}/traffic", tags=["building"])
     def traffic() -> Traffic:
         """Bytes offered, delivered and on the wire."""
-        return gateway.traffic()
+        return gateway.traffic(asks=True)
 
     @router.get(f"{ROOT}/services", tags=["health"])
     def services(limit: Limit = 100, offset: Offset = 0) -> Items[Service]:

@@ -8,7 +8,7 @@ from surveilnav.sensing.truth import truth_to_wire
 from surveilnav.services.robot_node.observation import EncodedObservation
 
 #: An observation that no command follows is published again after these pauses [s]: a full link may have dropped it.
-_REPEAT_AFTER_S = (1.0, 2.0, 4.0, 8.0, 15.0, 30.0, 60.0, 120.0)
+_REPEAT_AFTER_S = (1.0, 2.0, 4.0, 8.0, 15.0, 30.0)
 
 
 class ObservationPublisher:

@@ -2,8 +2,7 @@
 
     pytest -s tests/bench/bench_traffic.py
 
-Camera links: what cameras offer. Robot links: what robots offer, and the commands to them. Server side: everything else, which
-stays on the servers' network. ``BUILDING``, ``CAMERAS``, ``TARGET`` and ``IDLE_S`` may be set in the environment.
+The links are those of `GET /api/v1/traffic`. ``BUILDING``, ``CAMERAS``, ``TARGET`` and ``IDLE_S`` may be set in the environment.
 """
 
 from __future__ import annotations
@@ -16,8 +15,9 @@ from collections import Counter
 import pytest
 
 from surveilnav.bus.router import free_port
-from surveilnav.contract import ROBOT_COMMAND, ROOT, TRAFFIC
+from surveilnav.contract import ROOT, TRAFFIC
 from surveilnav.messages import FINISHED_STATES
+from surveilnav.services.gateway.core.traffic import link_of
 from tests.e2e.conftest import System, starting
 
 BUILDING, TARGET = os.environ.get("BUILDING", "3_bedroom"), os.environ.get("TARGET", "tv")
@@ -37,13 +37,7 @@ class Offered:
             self.wire_bytes += report.wire_sent_bytes or 0
             for row in report.rows:
                 if row.direction == "offered":
-                    self.by_key[_link(report.kind, row.key), _pattern(row.key)] += row.n_bytes
-
-
-def _link(kind: str, key: str) -> str:
-    if kind == "camera":
-        return "camera links"
-    return "robot links" if kind == "robot" or ROBOT_COMMAND.ids_of(key) else "server side"
+                    self.by_key[link_of(report.kind, row.key), _pattern(row.key)] += row.n_bytes
 
 
 def _pattern(key: str) -> str:
@@ -95,4 +89,4 @@ def test_what_a_search_puts_on_the_bus(tmp_path, home_cache):
         second = show("the same again", counts[2], counts[3], again_s)
         frames = sum(n for (_, key), n in (counts[3].by_key - counts[2].by_key).items() if "/frame/" in key)
         assert frames == 0, "the cameras of a known building need to send nothing"
-        assert second["server side"] > 0
+        assert second["server"] > 0

@@ -23,7 +23,7 @@ _CAMERA = Pinhole.from_hfov(
 )  # with fewer pixels, an object has too few points for a cluster
 _RANGE_M = (0.2, 8.0)
 _EXTENT = {"extent_m": 24.0, "max_extent_m": 150.0}  # so that the room fits, whatever the settings are
-_ROOM_M = np.array([[-3.0, -3.0, 0.0], [3.0, 3.0, 2.6]])  # two opposite points
+_ROOM_M = np.array([[-3.0, -3.0, 0.0], [3.0, 3.0, 2.6]])  # two opposite corners
 _FLOOR = "0"
 _DOWN_RAD = 0.3  # by which all cameras look down
 _ROBOT_CAMERA_M = 0.88  # height above the floor

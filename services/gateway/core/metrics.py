@@ -62,7 +62,6 @@ class BuildingMetrics:
     def collect(self) -> Iterator[Metric]:
         yield from _camera_metrics(self)
         yield from _floor_metrics(self)
-        yield from _link_metrics(self)
         yield from _node_metrics(self)
         yield from _worker_metrics(self)
         yield from _robot_and_mission_metrics(self)
@@ -125,12 +124,6 @@ def _floor_metrics(state: BuildingMetrics) -> Iterator[Metric]:
     yield _gauge("floor_pending_views", what, floors, lambda f: {"floor": f.id}, lambda f: f.pending_views)
     what = "1: perception answers"
     yield _gauge("floor_perception_ok", what, floors, lambda f: {"floor": f.id}, lambda f: f.perception_ok)
-
-
-def _link_metrics(state: BuildingMetrics) -> Iterator[Metric]:
-    links = state.traffic.links.model_dump().items()
-    what = "Bytes offered on the links of cameras and of robots, between servers, and by the simulator"
-    yield _counter("link_offered_bytes", what, links, lambda n: {"link": n[0].removesuffix("_bytes")}, lambda n: n[1])
 
 
 def _node_metrics(state: BuildingMetrics) -> Iterator[Metric]:

@@ -59,12 +59,12 @@ def _links(reports: Iterable[TrafficReport]) -> LinkTraffic:
     for report in reports:
         for row in report.rows:
             if row.direction == "offered":
-                n_bytes[_link(report.kind, row.key)] += row.n_bytes
+                n_bytes[link_of(report.kind, row.key)] += row.n_bytes
     return LinkTraffic(**{f"{link}_bytes": n for link, n in n_bytes.items()})
 
 
-def _link(kind: str, key: str) -> str:
-    """The link that what a node of this kind offers under a key crosses first."""
+def link_of(kind: str, key: str) -> str:
+    """The link that what a node of this kind offers under a key crosses first: camera, robot, server or simulation."""
     if _is_simulation(key):
         return "simulation"
     for end in ("camera", "robot"):

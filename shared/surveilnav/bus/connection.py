@@ -103,6 +103,10 @@ class Connection:
             BusError: no router answers in time, or it refuses this process's certificate.
             ConfigError: something is wrong with the files of this process's identity.
         """
+        if self.settings.handover_folder and not self.handover.token:
+            self.log.warning(
+                "payloads are sent: the folder can't be used", handover_folder=str(self.settings.handover_folder)
+            )
         files = self.settings.tls_files
         self.identity = files.check() if files else ""
         try:
@@ -137,6 +141,7 @@ class Connection:
         self.stop()
         for thread in self._threads:  # they use the sessions
             thread.join(timeout=2.0)
+        self.handover.close()
         for session in (self.bulk_session, self.session):
             if not session.is_closed():
                 session.close()  # type: ignore[no-untyped-call]

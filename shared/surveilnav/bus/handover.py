@@ -15,15 +15,18 @@ import stat
 import threading
 import time
 from collections import OrderedDict
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
+from surveilnav.bus.settings import MAX_MESSAGE_BYTES
 from surveilnav.storage import TEMPORARY, atomic_write
 
 _NAME, _TOKEN = re.compile(r"[0-9a-f]{32}"), re.compile(r"[0-9a-f]{32}")
+_TOKEN_CHARS = 32
 _TOKEN_FILE = "token"
 _OLD_S = 30.0
-#: Smaller payloads are sent.
+#: Smaller answers are sent.
 MIN_BYTES = 1 << 14
 
 
@@ -54,6 +57,8 @@ class HandoverFolder:
                 self._make_room()
                 if is_there:
                     os.utime(self._folder / name)
+                elif not self._folder.is_dir():
+                    return ""
                 else:
                     with atomic_write(self._folder / name) as file:
                         file.write(payload)
@@ -67,9 +72,8 @@ class HandoverFolder:
         if not self.token or _NAME.fullmatch(name) is None:
             return None
         assert self._folder is not None
-        try:
-            payload = (self._folder / name).read_bytes()
-        except OSError:
+        payload = _read(self._folder / name, MAX_MESSAGE_BYTES)
+        if payload is None:
             return None
         return payload if hashlib.blake2b(payload, digest_size=16).hexdigest() == name else None
 
@@ -77,28 +81,44 @@ class HandoverFolder:
         """Removes every payload from the folder, whoever wrote it."""
         with self._lock:
             self._kept.clear()
-            self._remove(older_than_s=-1.0)
+            self._remove(lambda age_s: True)
 
     def remove_old(self) -> None:
         """Removes what lies there for longer than it takes to read it, whoever wrote it."""
         with self._lock:
-            self._remove(older_than_s=_OLD_S)
+            self._remove(lambda age_s: abs(age_s) > _OLD_S)  # of the future: the clock was set
+
+    def close(self) -> None:
+        """Removes what this process wrote."""
+        with self._lock:
+            while self._kept:
+                self._unlink(self._kept.popitem()[0])
 
     def _make_room(self) -> None:
         assert self._folder is not None
         while sum(self._kept.values()) > self._max_bytes:
             oldest, _ = self._kept.popitem(last=False)
-            (self._folder / oldest).unlink(missing_ok=True)
+            self._unlink(oldest)
 
-    def _remove(self, older_than_s: float) -> None:
+    def _unlink(self, name: str) -> None:
+        assert self._folder is not None
+        with suppress(OSError):
+            (self._folder / name).unlink()
+
+    def _remove(self, is_meant: Callable[[float], bool]) -> None:
+        """Removes payloads by their age [s]."""
         if not self.token:
             return
         assert self._folder is not None
-        with suppress(OSError):  # the folder is gone, or somebody else removes the same
-            for path in list(self._folder.iterdir()):
+        try:
+            paths = list(self._folder.iterdir())
+        except OSError:  # the folder is gone
+            return
+        for path in paths:
+            with suppress(OSError):  # somebody else has removed it
                 is_payload = _NAME.fullmatch(path.name) or path.suffix == TEMPORARY
-                if is_payload and time.time() - path.stat().st_mtime > older_than_s:
-                    path.unlink(missing_ok=True)
+                if is_payload and is_meant(time.time() - path.lstat().st_mtime):
+                    path.unlink()
 
 
 def _token_of(folder: Path) -> str:
@@ -110,15 +130,33 @@ def _token_of(folder: Path) -> str:
         made_by = folder.lstat()
         if not stat.S_ISDIR(made_by.st_mode) or made_by.st_uid not in (0, os.getuid()):
             return ""
-        new = folder / f"{_TOKEN_FILE}-{os.getpid()}-{secrets.token_hex(4)}"
-        new.write_text(secrets.token_hex(16))
-        try:
-            os.link(new, path)  # unlike a rename, it leaves another's token in place
-        except FileExistsError:
-            pass
-        finally:
-            new.unlink()
-        token = path.read_text()
+        if not path.exists():
+            _write_token(path)
     except OSError:
         return ""
+    token = (_read(path, _TOKEN_CHARS) or b"").decode("ascii", "replace")
     return token if _TOKEN.fullmatch(token) else ""
+
+
+def _write_token(path: Path) -> None:
+    """Writes a token unless another process does so meanwhile."""
+    new = path.with_name(f"{_TOKEN_FILE}-{secrets.token_hex(8)}{TEMPORARY}")
+    try:
+        new.write_text(secrets.token_hex(_TOKEN_CHARS // 2))
+        with suppress(FileExistsError):
+            os.link(new, path)  # unlike a rename, it leaves another's token in place
+    finally:
+        new.unlink(missing_ok=True)
+
+
+def _read(path: Path, max_bytes: int) -> bytes | None:
+    """A regular file of at most so many bytes; None: there is none. Who writes into the folder may have put anything there."""
+    try:
+        handle = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
+        with os.fdopen(handle, "rb") as file:
+            status = os.fstat(handle)
+            if not stat.S_ISREG(status.st_mode) or status.st_size > max_bytes:
+                return None
+            return file.read(max_bytes)
+    except OSError:
+        return None

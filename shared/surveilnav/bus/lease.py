@@ -75,12 +75,16 @@ def _acquire(
     """Takes a slot and leaves its node open in ``stack``."""
     process_id = uuid.uuid4().hex[:12]
     with Node(f"{kind}-candidate", process_id, settings, alive=False) as candidate:
-        until_s = time.monotonic() + wait_s
+        until_s, refused = time.monotonic() + wait_s, set[str]()
         while time.monotonic() < until_s:
-            name = choose_slot(names, candidate.alive(kind), process_id)
-            if name is not None and (holder := _node_of(kind, name, settings, stack)):
+            name = choose_slot(names, candidate.alive(kind) | refused, process_id)
+            if name is None:
+                refused.clear()  # who had it may have left it
+                candidate.stopping.wait(_RETRY_S)
+            elif holder := _node_of(kind, name, settings, stack):
                 return name, holder
-            candidate.stopping.wait(_RETRY_S)
+            else:
+                refused.add(name)
     return None
 
 

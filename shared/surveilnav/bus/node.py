@@ -128,6 +128,7 @@ class Node:
         reported_problems: dict[str, str] = {}
         reported_bytes, reported_s = 0, 0.0
         while not self.stopping.wait(1.0):
+            self.handover.remove_old()
             try:
                 # A long report every second would itself be traffic. While little is sent, one is sent before the last is stale.
                 n_bytes = sum(row.n_bytes for row in self.traffic.rows() if TRAFFIC.ids_of(row.key) is None)
@@ -136,7 +137,6 @@ class Node:
                 if due and self._traffic_publisher.matched:
                     reported_problems, reported_bytes, reported_s = self._problems, n_bytes, time.monotonic()
                     self._traffic_publisher.put(self.traffic_report())
-                self.handover.remove_old()
                 if self.settings.health_file and self.healthy():
                     self.settings.health_file.parent.mkdir(parents=True, exist_ok=True)
                     self.settings.health_file.touch()

@@ -60,7 +60,8 @@ class Presence:
 
         def yield_to(sample: Any) -> None:
             if sample.kind == zenoh.SampleKind.PUT and str(sample.key_expr).rsplit("/", 1)[1] < own:
-                self._connection.log.error(f"{taken}: this one ends")
+                # one that doesn't wait for its name looks for another
+                (self._connection.log.error if waits else self._connection.log.info)(f"{taken}: this one ends")
                 self._connection.stop()
 
         pattern = INSTANCE.format(**name, zid="*")

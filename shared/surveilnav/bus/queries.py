@@ -294,6 +294,7 @@ class Question:
         """The answer; None if none came and none will. Raises Refused or Unanswered."""
         refused: Refused | None = None
         timed_out = unreadable = is_lost = False
+        until_s = time.monotonic() + timeout_s
         for reply in self._replies(timeout_s):
             if reply.ok is not None:
                 if received := self.connection.decode(self.stream, reply.ok):
@@ -304,8 +305,9 @@ class Question:
                     unreadable = True
             elif (refused := _refusal(reply.err)) is None:
                 timed_out = True
-        if is_lost:
-            return replace(self, is_sent=True)._ask_once(timeout_s)
+        if is_lost and not self.is_sent and (left_s := until_s - time.monotonic()) > 0:
+            return replace(self, is_sent=True)._ask_once(left_s)
+        unreadable |= is_lost
         if refused:
             raise refused
         if timed_out or unreadable:

@@ -93,6 +93,14 @@ def test_those_that_choose_the_same_slot_at_once_end_with_one_each(bus, monkeypa
     assert sorted(taken) == ["c1", "c2", "c3"]
 
 
+def test_a_name_that_is_refused_is_not_asked_for_again_while_others_are_free(bus, monkeypatch):
+    """As with rules by which a process doesn't see the others."""
+    monkeypatch.setattr(lease_module.zlib, "crc32", lambda _: 0)
+    monkeypatch.setattr(Node, "alive", lambda self, kind: set())
+    with lease_slot("camera", NAMES, bus) as one, lease_slot("camera", NAMES, bus) as other:
+        assert (one[0], other[0]) == ("c1", "c2")
+
+
 def test_a_process_that_waits_takes_a_slot_that_is_added_later(bus, monkeypatch, capsys):
     monkeypatch.setattr(lease_module, "_WAIT_S", 0.1)
     listed = iter([[], []])

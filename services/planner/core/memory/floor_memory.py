@@ -30,7 +30,7 @@ class FloorMemory:
         dismissed: objects that the robot found not to be the target.
         inspection_turns: turns spent on facing an object near by while driving, by object.
         extra_looks: additional looks spent at an object from its goal region, by object.
-        looked_from: places from which the robot looked at an object and never saw it, by object.
+        looked_from: places from which the robot looked at an object without being sure of it, by object.
         oscillations: how often an object ceased to be promising while the robot was heading for it, by object.
         accepted_object: the object taken for the target on weaker evidence, because nothing else is left.
         scan_places: where the robot looked all around, or would have if it could get there.
@@ -98,7 +98,7 @@ class FloorMemory:
         self.extra_looks[object_id] = self.extra_looks.get(object_id, 0) + 1
 
     def record_looked_from(self, object_id: int, x_m: float, y_m: float) -> None:
-        """Records that all looks at an object from a place were in vain. From elsewhere, it gets as many looks again."""
+        """Records that an object wasn't verified from a place. From elsewhere, it gets as many looks again."""
         self.looked_from.setdefault(object_id, []).append((x_m, y_m))
         self.extra_looks.pop(object_id, None)
 

@@ -93,16 +93,6 @@ def test_a_camera_has_its_three_numbers_and_its_views():
     assert told["floor_pending_views", "0"] == 4
 
 
-def test_links_have_a_sample_each():
-    told = samples(metrics_of())
-    assert {name[1] for name in told if name[0] == "link_offered_bytes_total"} == {
-        "camera",
-        "robot",
-        "server",
-        "simulation",
-    }
-
-
 def test_what_nobody_knows_has_no_sample():
     told = samples(metrics_of(cameras=[camera("c1")], sources=[source("c1", wire=None)]))
     assert ("camera_wire_bytes_total", "c1") not in told
