@@ -204,7 +204,16 @@ def test_cameras_look_with_the_backend_of_perception_unless_told_otherwise() -> 
     camera, perception = _SERVICES["camera"], _SERVICES["perception"]
     backend = perception["environment"]["SURVEILNAV_PERCEPTION__BACKEND"]
     assert camera["environment"]["SURVEILNAV_CAMERA__PERCEPTION"] == "${SURVEILNAV_CAMERA__PERCEPTION:-" + backend + "}"
-    assert set(perception["volumes"]) <= set(camera["volumes"])
+    of_models = {volume for volume in perception["volumes"] if not volume.startswith("handover:")}
+    assert of_models <= set(camera["volumes"])
+
+
+def test_who_handles_many_pictures_hands_them_over_in_memory() -> None:
+    """And nobody else sees the folder: what lies there is under no rule of the router."""
+    sharing = {name for name, service in _SERVICES.items() if "handover:/run/handover" in service.get("volumes", ())}
+    assert sharing == {"perception", "perception-gpu", "fusion", "recorder"}
+    for name in sharing:
+        assert _SERVICES[name]["environment"]["SURVEILNAV_BUS__HANDOVER_FOLDER"] == "/run/handover"
 
 
 # --- compose.secure.yaml ------------------------------------------------------------------------------------------

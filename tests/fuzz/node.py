@@ -15,6 +15,7 @@ import msgspec
 import structlog
 
 from surveilnav.bus import Answer, Received, Request, Unanswered, clock_ns
+from surveilnav.bus.handover import HandoverFolder
 from surveilnav.bus.wire import decode, encode
 from surveilnav.contract import Stream, schema_of
 from surveilnav.errors import WireError
@@ -87,6 +88,7 @@ class FedNode:
 
     def __init__(self) -> None:
         self.stopping, self.wake = _Stopping(), threading.Event()
+        self.handover = HandoverFolder(None, 0)
         self.log = structlog.wrap_logger(None, processors=[self._hear])
         self.handlers: dict[str, tuple[Stream, Callable[[Request], Any]]] = {}
         self.answer: Callable[[Stream, Any], Received[Any]] = self._nobody
