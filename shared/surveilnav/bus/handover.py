@@ -22,9 +22,11 @@ from pathlib import Path
 from surveilnav.bus.settings import MAX_MESSAGE_BYTES
 from surveilnav.storage import TEMPORARY, atomic_write
 
-_NAME, _TOKEN = re.compile(r"[0-9a-f]{32}"), re.compile(r"[0-9a-f]{32}")
-_TOKEN_CHARS = 32
+#: Of payloads and of the folder: 32 hexadecimal digits.
+_N_BYTES = 16
+_NAME = re.compile(rf"[0-9a-f]{{{2 * _N_BYTES}}}")
 _TOKEN_FILE = "token"
+#: What nobody has fetched within this time isn't fetched any more.
 _OLD_S = 30.0
 #: Smaller answers are sent.
 MIN_BYTES = 1 << 14
@@ -48,7 +50,9 @@ class HandoverFolder:
         if not self.token or len(payload) > self._max_bytes:
             return ""
         assert self._folder is not None
-        name = hashlib.blake2b(payload, digest_size=16).hexdigest()
+        if not self._folder.is_dir():  # it was removed, and isn't to be made again
+            return ""
+        name = _name_of(payload)
         with self._lock:
             is_there = name in self._kept and (self._folder / name).exists()
             self._kept[name] = len(payload)
@@ -57,8 +61,6 @@ class HandoverFolder:
                 self._make_room()
                 if is_there:
                     os.utime(self._folder / name)
-                elif not self._folder.is_dir():
-                    return ""
                 else:
                     with atomic_write(self._folder / name) as file:
                         file.write(payload)
@@ -73,9 +75,7 @@ class HandoverFolder:
             return None
         assert self._folder is not None
         payload = _read(self._folder / name, MAX_MESSAGE_BYTES)
-        if payload is None:
-            return None
-        return payload if hashlib.blake2b(payload, digest_size=16).hexdigest() == name else None
+        return payload if payload is not None and _name_of(payload) == name else None
 
     def clear(self) -> None:
         """Removes every payload from the folder, whoever wrote it."""
@@ -121,6 +121,10 @@ class HandoverFolder:
                     path.unlink()
 
 
+def _name_of(payload: bytes) -> str:
+    return hashlib.blake2b(payload, digest_size=_N_BYTES).hexdigest()
+
+
 def _token_of(folder: Path) -> str:
     """The token of a folder, which the first process that uses it writes. "": the folder can't be used, or another user may have
     made it to get what is left in it."""
@@ -134,15 +138,15 @@ def _token_of(folder: Path) -> str:
             _write_token(path)
     except OSError:
         return ""
-    token = (_read(path, _TOKEN_CHARS) or b"").decode("ascii", "replace")
-    return token if _TOKEN.fullmatch(token) else ""
+    token = (_read(path, 2 * _N_BYTES) or b"").decode("ascii", "replace")
+    return token if _NAME.fullmatch(token) else ""
 
 
 def _write_token(path: Path) -> None:
     """Writes a token unless another process does so meanwhile."""
     new = path.with_name(f"{_TOKEN_FILE}-{secrets.token_hex(8)}{TEMPORARY}")
     try:
-        new.write_text(secrets.token_hex(_TOKEN_CHARS // 2))
+        new.write_text(secrets.token_hex(_N_BYTES))
         with suppress(FileExistsError):
             os.link(new, path)  # unlike a rename, it leaves another's token in place
     finally:

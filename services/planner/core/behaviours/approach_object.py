@@ -151,14 +151,14 @@ def _look_from_elsewhere(approach: _Approach) -> Decision | None:
     context, record = approach.context, approach.record
     memory, robot, config = context.state.here, context.robot, context.config
     n_places = len(memory.looked_from.get(record.id, ())) + 1
-    if n_places >= config.max_look_places or config.verification == "paper" or not _is_doubtful(approach):
+    if n_places >= config.max_look_places or config.verification == "paper" or not _is_undecided(approach):
         return None
     memory.record_looked_from(record.id, robot.x_m, robot.y_m)
     region = _region_elsewhere(context, record)
     return None if region is None else _drive_nearer(approach, region)
 
 
-def _is_doubtful(approach: _Approach) -> bool:
+def _is_undecided(approach: _Approach) -> bool:
     """Whether another place may tell more: only cameras saw the object, or its chance isn't high enough to stop and not too low
     for a last resort."""
     record, config = approach.record, approach.context.config
