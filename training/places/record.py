@@ -2,6 +2,7 @@
 
 python -m training.places.record --out data/places --scenes 0:300 --searches 3         # generated buildings of no split
 python -m training.places.record --out data/places --root data/objectnav --searches 8  # those of train
+python -m training.places.record --out data/places_px --root data/objectnav --perception compact  # on rendered pixels
 """
 
 from __future__ import annotations
@@ -38,12 +39,16 @@ FIRST_SEED = 3000
 
 
 class Job(NamedTuple):
-    """A building of which searches are played: ``root`` is a dataset's folder, None for a building of no split."""
+    """A building of which searches are played: ``root`` is a dataset's folder, None for a building of no split.
+
+    ``perception``: who sees, "simulated" or the name of a detector.
+    """
 
     out: Path
     scene: str
     n: int
     root: Path | None
+    perception: str = "simulated"
 
 
 class Search(NamedTuple):
@@ -60,7 +65,7 @@ def record(job: Job) -> str:
     folder = job.out / job.scene
     if (folder / "done").is_file():
         return ""
-    settings = RunSettings(split="train", perception="simulated")
+    settings = RunSettings(split="train", perception=job.perception)
     if job.root is not None:
         player = ScenePlayer(job.root, job.scene, settings)
         building, plays = player.building, _of_dataset(job, player)
@@ -128,14 +133,17 @@ def main(argv: list[str] | None = None) -> None:
         "--scenes", default="0:300", help="generated buildings, or scenes of the dataset: first:last[:step]"
     )
     parser.add_argument("--searches", type=int, default=3, help="of each building")
+    parser.add_argument("--perception", default="simulated", help="with --root: what sees, such as compact")
     parser.add_argument("--workers", type=int, default=2)
     a = parser.parse_args(argv)
+    if a.perception != "simulated" and not a.root:
+        parser.error(f"--perception {a.perception} needs --root: only a dataset's buildings are lit")
     cut = slice(*(int(part) if part else None for part in a.scenes.split(":")))
     if a.root:
         names = scenes_of(a.root, "train")[cut]
     else:
         names = [f"{kind}_{FIRST_SEED + n}-s0" for n in range(500) for kind in ("office", "flats")][cut]
-    jobs = [Job(a.out, name, a.searches, a.root) for name in names]
+    jobs = [Job(a.out, name, a.searches, a.root, a.perception) for name in names]
     began_s, n = time.monotonic(), 0
     for ended in in_workers(record, jobs, a.workers, 60.0):
         if ended is None:
