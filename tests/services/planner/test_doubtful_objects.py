@@ -12,12 +12,14 @@ import pytest
 
 from surveilnav.geometry import Grid
 from surveilnav.services.planner.core import FloorMaps, FloorMemory, MissionState, PlannerConfig, RobotView
-from surveilnav.services.planner.core.behaviours.approach_object import _region_elsewhere
+from surveilnav.services.planner.core.behaviours.approach_object import _Approach, _look_from_elsewhere, _region_elsewhere
 from surveilnav.services.planner.core.choice import choose
 from surveilnav.services.planner.core.context import StepContext
 from surveilnav.services.planner.core.goals.objects import candidates
 from surveilnav.services.planner.core.memory.floor_memory import DismissedObject
+from surveilnav.services.planner.core.memory.mission_state import CurrentWaypoint
 from surveilnav.services.planner.core.motion.drive import FmmPlanner
+from surveilnav.services.planner.core.options.candidates import object_option
 from surveilnav.services.planner.core.options.doubtful_objects import doubtful_objects
 from surveilnav.services.planner.core.options.frontiers import by_chance_per_metre
 
@@ -126,17 +128,55 @@ def test_what_the_robot_sees_vaguely_is_looked_at_from_several_places(world, thi
     assert all(math.dist(a, b) >= 0.4 for a, b in itertools.combinations(looked_from, 2))
 
 
-@pytest.mark.parametrize(("length_m", "is_another"), [(1.0, True), (5.0, False)])
-def test_a_long_way_round_is_no_other_place(make_record, length_m, is_another):
-    """The object closes the north end of a corridor; its other side is reached round the corridor's walls only."""
+def looked_in_vain(make_record, *, length_m=1.0, config=TWICE):
+    """An approach that saw nothing of an object that closes the north end of a corridor ``length_m`` long. Its other side is
+    reached round the corridor's walls only."""
     record = make_record(at=(5.0, 6.0), size=(0.7, 0.4), confidence=0.4)
     walls = np.zeros(GRID.shape, np.uint8)
     for x_m in (4.65, 5.35):
         walls[GRID.cells_of((x_m, 6.2 - length_m))[0] : GRID.cells_of((x_m, 6.2))[0], GRID.cells_of((x_m, 1.0))[1]] = 1
     walls[GRID.cells_of((5.0, 6.0))[0], GRID.cells_of((4.65, 6.0))[1] : GRID.cells_of((5.35, 6.0))[1]] = 1
-    state = dismissed_before(record, looked_from=[(5.0, 5.2)])
-    context = context_of(record, state, robot=replace(HERE, y_m=5.2), occupancy=walls)
-    assert (_region_elsewhere(context, record) is not None) == is_another
+    heading = CurrentWaypoint("candidate", 5.0, 6.0, None, 0, object_id=record.id)
+    state = MissionState("chair", floor="0", floors={"0": FloorMemory()}, waypoint=heading)
+    context = context_of(record, state, config, robot=replace(HERE, y_m=5.2), occupancy=walls)
+    return _Approach(context, record, object_option(context, record), "open")
+
+
+@pytest.mark.parametrize(("length_m", "goes"), [(1.0, True), (5.0, False)])
+def test_a_place_with_a_long_way_round_is_left_for_later(make_record, length_m, goes):
+    approach = looked_in_vain(make_record, length_m=length_m)
+    assert (_look_from_elsewhere(approach) is not None) == goes
+    assert len(approach.context.state.here.looked_from.get(approach.record.id, ())) == goes
+
+
+@pytest.mark.parametrize("length_m", [1.0, 5.0])
+def test_who_went_to_another_place_keeps_going_there(make_record, length_m):
+    """However long the way is from where it is now."""
+    approach = looked_in_vain(make_record, length_m=length_m)
+    approach.context.state.here.record_looked_from(approach.record.id, 5.0, 5.2)
+    assert _region_elsewhere(approach.context, approach.record) is not None
+
+
+def test_the_last_resort_is_taken_from_where_the_way_is_shortest(make_record):
+    approach = looked_in_vain(make_record)
+    approach.context.state.here.accepted_object = approach.record.id
+    assert _look_from_elsewhere(approach) is None
+    approach.context.state.here.record_looked_from(approach.record.id, 5.0, 5.2)
+    assert _region_elsewhere(approach.context, approach.record) is None
+
+
+def test_the_papers_verification_knows_no_other_places(make_record):
+    approach = looked_in_vain(make_record, config=TWICE.changed(verification="paper"))
+    assert _look_from_elsewhere(approach) is None
+    approach.context.state.here.record_looked_from(approach.record.id, 5.0, 5.2)
+    assert _region_elsewhere(approach.context, approach.record) is None
+
+
+@pytest.mark.parametrize(("n_looks", "comes_back"), [(2, True), (3, False)])
+def test_a_dismissed_object_comes_back_once_after_all_places(make_record, n_looks, comes_back):
+    record = make_record(at=(6.0, 1.0), confidence=0.8, label_robot="chair", confidence_robot=0.8)
+    state = dismissed_before(record, looked_from=[(4.0, 1.0)] * n_looks)
+    assert candidates([record], state, TWICE) == ([record] if comes_back else [])
 
 
 def test_a_copy_of_the_memory_has_places_of_its_own():

@@ -60,15 +60,16 @@ def _verification_of(context: StepContext, record: ObjectRecord) -> Verification
 
 
 def _region_elsewhere(context: StepContext, record: ObjectRecord) -> GoalRegion | None:
-    """The goal region elsewhere than where the robot looked at an object in vain; None: it didn't, it did so from enough places,
-    or the way there is too long."""
+    """The goal region elsewhere than where the robot looked at an object in vain.
+
+    None: it didn't, it did so from enough places, no other is there, or the object is accepted as a last resort: steps for the
+    shortest way are all that is left then.
+    """
     looked_from = tuple(context.state.here.looked_from.get(record.id, ()))
-    if not 0 < len(looked_from) < context.config.max_look_places:
+    is_accepted = record.id == context.state.here.accepted_object
+    if is_accepted or context.config.verification == "paper" or not 0 < len(looked_from) < context.config.max_look_places:
         return None
-    region = context.reach.goal_region(record, looked_from)
-    if region is None or float(context.travel_time_m[region.goals].min(initial=math.inf)) > _ELSEWHERE_WITHIN_M:
-        return None
-    return region
+    return context.reach.goal_region(record, looked_from)
 
 
 def _dismiss(context: StepContext, record: ObjectRecord, why: str) -> None:
@@ -146,22 +147,29 @@ def _look_and_decide(approach: _Approach) -> Decision | None:
 def _look_from_elsewhere(approach: _Approach) -> Decision | None:
     """Goes to another place near an object that the robot didn't see, or that isn't sure to be something else.
 
-    None: nothing is left to be doubted, it looked from enough places, or no way leads to another.
+    None: nothing is left to be doubted, it looked from enough places, no way leads to another, or it is too long. An object that is
+    accepted as a last resort isn't doubted.
     """
     context, record = approach.context, approach.record
     memory, robot, config = context.state.here, context.robot, context.config
-    n_places = len(memory.looked_from.get(record.id, ())) + 1
-    if n_places >= config.max_look_places or config.verification == "paper" or not _is_undecided(approach):
+    looked_from = (*memory.looked_from.get(record.id, ()), (robot.x_m, robot.y_m))
+    if len(looked_from) >= config.max_look_places or config.verification == "paper" or not _is_undecided(approach):
         return None
-    memory.record_looked_from(record.id, robot.x_m, robot.y_m)
-    region = _region_elsewhere(context, record)
-    return None if region is None else _drive_nearer(approach, region)
+    region = context.reach.goal_region(record, looked_from)
+    if region is None or float(context.travel_time_m[region.goals].min(initial=math.inf)) > _ELSEWHERE_WITHIN_M:
+        return None
+    decision = _drive_nearer(approach, region)
+    if decision is not None:
+        memory.record_looked_from(record.id, robot.x_m, robot.y_m)
+    return decision
 
 
 def _is_undecided(approach: _Approach) -> bool:
     """Whether another place may tell more: only cameras saw the object, or its chance isn't high enough to stop and not too low
-    for a last resort."""
+    for a last resort. Not for the object that is the last resort."""
     record, config = approach.record, approach.context.config
+    if record.id == approach.context.state.here.accepted_object:
+        return False
     if not record.label_robot:
         return True
     likelihood, lowest = objects.chance(record, approach.context.state.target), config.last_resort_chance

@@ -17,13 +17,15 @@ def candidates(objects: Iterable[ObjectRecord], state: MissionState, config: Pla
     """Objects that may be the target, confirmed ones first, then by chance.
 
     Objects found not to be the target are left out, also under a new id at the same place, unless the robot itself sees
-    the target there since, or the object is accepted as a last resort. Under the same id it has to be likely enough to stop, too.
+    the target there since, or the object is accepted as a last resort. Under the same id it has to be likely enough to stop, too,
+    and comes back once at most after the robot looked at it from ``max_look_places``.
     """
     found = []
     for record, confirmed in possible_targets(objects, state.target):
         seen = robot_sees(record, state.target, config)
         likely = config.verification != "paper" and (confirmed or chance(record, state.target) >= config.accept_chance)
-        ruled_out = record.status == "rejected" or (record.id in state.here.dismissed and not (seen and likely))
+        may_return = seen and likely and len(state.here.looked_from.get(record.id, ())) <= config.max_look_places
+        ruled_out = record.status == "rejected" or (record.id in state.here.dismissed and not may_return)
         ruled_out |= is_near_dismissed(record, state, config) and not seen
         if record.id == state.here.accepted_object or not ruled_out:
             found.append(record)
