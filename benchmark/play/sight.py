@@ -22,12 +22,14 @@ from surveilnav.camera_plan import CameraPlan, PlannedCamera
 from surveilnav.contract import CAMERA_FRAME, CAMERA_SUMMARY, ROBOT_OBSERVATION
 from surveilnav.geometry import Matrix4, Pinhole, Pose
 from surveilnav.messages import (
+    PERCEIVED_TIERS,
     CameraInfo,
     CameraSummary,
     CameraViewInfo,
     FrameHeader,
     InferReply,
     ModelIds,
+    Tier,
 )
 from surveilnav.perception.backend import Backend
 from surveilnav.perception.depth.network import DepthNetwork
@@ -35,11 +37,12 @@ from surveilnav.robot_body import CAMERA, CAMERA_HEIGHT_M, DEPTH_RANGE_M
 from surveilnav.robot_state import RobotState
 from surveilnav.sensing.packing import (
     decode_frame,
-    encode_rgbd,
     pack_embedding,
     unpack_embedding,
 )
+from surveilnav.sensing.perceived import perceived_reply
 from surveilnav.sensing.replies import perception_from_wire, perception_to_wire
+from surveilnav.sensing.tiers import Seen, encode_view
 from surveilnav.sensing.views import PosedView, TrueInstances, ViewPerception, looks_straight_down, measured_depth_m
 from surveilnav.services.camera_node.core.summary import ViewLabels, build_summary, merge_labels
 from surveilnav.services.robot_node.bodies.body import Observation
@@ -120,11 +123,18 @@ NOT_MEASURED: ViewBytes = {}
 
 
 def _frame(
-    rendered: Rendered, camera: PlannedCamera, index: int, said: Pose, plan: CameraPlan
+    rendered: Rendered,
+    camera: PlannedCamera,
+    index: int,
+    said: Pose,
+    plan: CameraPlan,
+    *,
+    tier: Tier = "jpeg+depth",
+    seen: Seen | None = None,
 ) -> tuple[FrameHeader, bytes, int]:
     """A camera's view as it goes over the bus: header, payload, and the bytes of both and of the key."""
-    payload, image, depth = encode_rgbd(
-        rendered.rgb, rendered.depth_m, depth_range_m=CAMERA_DEPTH_RANGE_M, jpeg_quality=85
+    encoded = encode_view(
+        tier, rendered.rgb, rendered.depth_m, plan.intrinsics, depth_range_m=CAMERA_DEPTH_RANGE_M, seen=seen
     )
     header = FrameHeader(
         stamp_ns=0,
@@ -136,11 +146,14 @@ def _frame(
         camera=plan.intrinsics,
         mounting_offset_m=plan.mounting_offset_m,
         depth_range_m=CAMERA_DEPTH_RANGE_M,
-        image=image,
-        depth=depth,
+        image=encoded.image,
+        depth=encoded.depth,
+        depth_source="sensor" if encoded.has_depth else "none",
+        tier=tier,
+        perceived=encoded.perceived,
     )
     key = CAMERA_FRAME.key_for(building=_BUILDING, floor=camera.floor, camera=camera.name, view=index)
-    return header, payload, len(payload) + len(encode(header)) + len(key)
+    return header, encoded.payload, len(encoded.payload) + len(encode(header)) + len(key)
 
 
 def offered_views(building: SimulatedBuilding, plan: CameraPlan) -> dict[str, list[int]]:
@@ -181,19 +194,24 @@ class Sight:
         view_bytes: ViewBytes = NOT_MEASURED,
         words: Sequence[str] = TARGETS,
         camera_backend: Backend | None = None,
+        camera_tier: Tier = "jpeg+depth",
     ) -> None:
         """``plan``: the building's own unless given. ``scale``: of ``depth``, full resolution divided by this.
         ``pose_error``: how wrong the cameras are about where they hang. ``camera_depth``: what
         the cameras' pictures have of depth. ``view_bytes``: of ``depth``, by camera what each
         of its views takes (``offered_views``). ``words``: what a detector with an open vocabulary looks for, the targets of
-        all episodes, since views are perceived once. ``camera_backend``: what looks at the cameras' views; None: ``backend``."""
+        all episodes, since views are perceived once. ``camera_backend``: what looks at the cameras' views; None: ``backend``.
+        ``camera_tier``: how much the cameras send of them, of ``pixels``."""
         if way == "depth" and not backend.needs_truth:
             raise ValueError(f"{backend.name} looks at pixels: it needs way='pixels'")
+        if way == "depth" and camera_tier != "jpeg+depth":
+            raise ValueError(f"way='depth' sends no pictures: the tier {camera_tier} needs way='pixels'")
         self.building, self.backend, self.way = building, backend, way
         self._camera_backend = camera_backend or backend
         self._plan = plan or building.plan
         self._half, self._scale = views == "half", scale if way == "depth" else 1
         self._view_bytes, self._words, self._camera_depth = view_bytes, tuple(words), camera_depth
+        self._tier: Tier = camera_tier
         self._error = {c.name: pose_error.drawn(c.name, building.settings.seed) for c in self._plan.cameras}
         self._cameras = {camera.name: camera for camera in self._plan.cameras}
         is_told = backend.needs_truth or self._camera_backend.needs_truth
@@ -286,9 +304,25 @@ class Sight:
             view = self._as_known(view, pose)
             return SeenView(view, self._perceive(view, rendered, (source, index, 1)), offered)
         rendered = self.building.camera_view(camera, index)
-        header, payload, offered = _frame(rendered, camera, index, said, self._plan)
+        key = source, index, 1
+        seen = self._seen_by_camera(rendered, said, key) if self._tier in PERCEIVED_TIERS else None
+        header, payload, offered = _frame(rendered, camera, index, said, self._plan, tier=self._tier, seen=seen)
         view = self._as_known(decode_frame(header, payload), pose)
-        return SeenView(view, self._perceive(view, rendered, (source, index, 1)), offered)
+        reply = perceived_reply(header, payload)
+        if self._tier in PERCEIVED_TIERS:
+            return SeenView(view, perception_from_wire(reply, view.camera) if reply is not None else None, offered)
+        return SeenView(view, self._perceive(view, rendered, key), offered)
+
+    def _seen_by_camera(self, rendered: Rendered, said: Pose, key: tuple[object, ...]) -> Seen | None:
+        """What a camera's own perception sees in its picture, before anything is encoded."""
+        T_world_camera, backend = said.matrix(), self._camera_backend
+        if looks_straight_down(T_world_camera):
+            return None
+        told = TrueInstances(rendered.instance_ids, self._labels, T_world_camera) if backend.needs_truth else None
+        perception = backend.perceive(
+            rendered.rgb, rendered.depth_m, self._plan.intrinsics, prompts=self._words, truth=told, key=key
+        )
+        return Seen(perception, backend.models)
 
     def _as_known(self, view: PosedView, pose: Pose) -> PosedView:
         """A camera's view with what is known of its depth. ``pose``: where the camera really hangs."""

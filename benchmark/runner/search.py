@@ -39,6 +39,7 @@ def sight_of(
         scale=settings.resolution_divisor,
         view_bytes=view_bytes,
         camera_depth=settings.camera_depth,
+        camera_tier=settings.camera_tier,
         camera_backend=with_perfect_detector(backend) if settings.camera_perception else None,
         pose_error=PoseError(settings.camera_error_m, math.radians(settings.camera_error_deg)),
     )

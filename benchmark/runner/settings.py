@@ -14,12 +14,15 @@ from surveilnav.benchmark.play.sight import CameraDepth, Views
 from surveilnav.benchmark.policies import policy_of
 from surveilnav.benchmark.policies.language_model import LanguageModelSettings
 from surveilnav.errors import ConfigError
+from surveilnav.messages import Tier
 from surveilnav.perception.models import COCO_DETECTORS
 from surveilnav.services.fusion.core import FusionConfig
 from surveilnav.services.planner.core import PlannerConfig
 from surveilnav.simulator.truth.choose import BACKENDS
 
 Planner = Literal["fmm", "sp"]
+#: Backends that are told the truth, and look at no picture.
+_TOLD = ("oracle", "simulated")
 
 
 class RunSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -40,6 +43,7 @@ class RunSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
             cores; 0: all of them before the first action.
         camera_depth: ``sensor``: with a sensor's noise; ``network``: estimated by our depth network; ``none``: cameras have no
             depth; ``estimate-5``, ``estimate-15``: estimated, with an error of so many percent (``play.depth_error``).
+        camera_tier: how much the cameras send of their views (``surveilnav.sensing.tiers``), where perception looks at pixels.
         camera_error_m, camera_error_deg: how wrong each camera is about where it hangs and looks.
         detectors: the weights of ``onnx-coco``; empty: its own choice.
         language_model: the name of the model that a policy asks, as its server knows it; where that is, the environment says.
@@ -63,6 +67,7 @@ class RunSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     delay_steps: int = 0
     views_per_step: int = 2
     camera_depth: CameraDepth = "sensor"
+    camera_tier: Tier = "jpeg+depth"
     camera_error_m: float = 0.0
     camera_error_deg: float = 0.0
     detectors: list[str] = []
@@ -78,6 +83,11 @@ class RunSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
         _expect("drive", self.drive, get_args(Drive))
         self.localisation_error()
         _expect("camera_depth", self.camera_depth, get_args(CameraDepth))
+        _expect("camera_tier", self.camera_tier, get_args(Tier))
+        if self.camera_tier != "jpeg+depth" and self.perception in _TOLD:
+            raise ConfigError(
+                f"{self.perception} looks at no pictures, so cameras send none: leave camera_tier as it is"
+            )
         _expect("perception", self.perception, [b for b in BACKENDS if b != "auto"])  # a table must say what looked
         _expect("camera_perception", self.camera_perception, ("", "oracle"))
         if self.camera_perception and not self.surveillance:

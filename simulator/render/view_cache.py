@@ -20,7 +20,7 @@ import zstandard
 from numpy.typing import NDArray
 
 from surveilnav.geometry import Matrix4, Pinhole
-from surveilnav.sensing.packing import from_byte_planes, to_byte_planes
+from surveilnav.sensing.depth_codec import from_byte_planes, to_byte_planes
 from surveilnav.simulator.render.depth_noise import DepthNoise
 from surveilnav.simulator.render.picture import PICTURES_VERSION, Lighting, Rendered, within
 from surveilnav.storage import FolderCache

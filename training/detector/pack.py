@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surveilnav.errors import PerceptionError
-from surveilnav.sensing.packing import decode_depth, encode_depth
+from surveilnav.sensing.depth_codec import decode_depth, encode_depth
 from surveilnav.storage import read_parts, write_parts
 from training.detector.poses import Kind
 from training.detector.views import DEPTH_RANGE_M, TrainingView

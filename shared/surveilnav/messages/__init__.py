@@ -70,13 +70,23 @@ from surveilnav.messages.robot import (
     WaypointStatus,
 )
 from surveilnav.messages.truth import Judged, Truth
-from surveilnav.messages.view import MEASURED, CaptureClock, DepthSource, DepthUncertainty, FrameHeader, PayloadPart
+from surveilnav.messages.view import (
+    MEASURED,
+    PERCEIVED_TIERS,
+    CaptureClock,
+    DepthSource,
+    DepthUncertainty,
+    FrameHeader,
+    PayloadPart,
+    Tier,
+)
 from surveilnav.mission_states import FINISHED_STATES
 
 __all__ = [
     "Area",
     "FloorAreas",
     "MEASURED",
+    "PERCEIVED_TIERS",
     "ACTIONS",
     "LAYERS",
     "FASTEST_REPLAY",
@@ -123,6 +133,7 @@ __all__ = [
     "ObjectRecord",
     "Observation",
     "PayloadPart",
+    "Tier",
     "PicturesForgotten",
     "RemoveFromMaps",
     "Plan",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Final, Literal
 
 import msgspec
 
@@ -15,11 +15,25 @@ CaptureClock = Literal["camera", "arrival", "file"]
 DepthSource = Literal["sensor", "network", "geometry", "none"]
 
 
-class PayloadPart(msgspec.Struct, frozen=True):
-    """One part of a payload: its encoding and its size."""
+#: What a camera sends of a view, from most to least. ``surveilnav.sensing.tiers`` says what each of them holds.
+Tier = Literal["raw", "jpeg+depth", "jpeg", "features", "objects"]
+#: The tiers in which a camera sends what it sees itself, and less than its whole picture.
+PERCEIVED_TIERS: Final[tuple[Tier, ...]] = ("features", "objects")
 
-    encoding: Literal["jpeg", "depth-invq-zstd"]
+
+class PayloadPart(msgspec.Struct, frozen=True, omit_defaults=True):
+    """One part of a payload: its encoding and its size.
+
+    Attributes:
+        divisor: each of its pixels stands for a square of so many of the view's pixels a side. A JPEG says its size itself, so
+            this is for depth and masks.
+        quantum_per_m: a step of inverse depth; for depth alone.
+    """
+
+    encoding: Literal["jpeg", "png", "depth-invq-zstd", "perceived-zstd"]
     n_bytes: int
+    divisor: int = 1
+    quantum_per_m: float = 0.001
 
 
 class DepthUncertainty(msgspec.Struct, frozen=True):
@@ -55,7 +69,7 @@ class ScanHeader(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class FrameHeader(Message, frozen=True, kw_only=True):
-    """Describes an RGB-D picture; the payload is ``image``, then ``depth``.
+    """Describes an RGB-D picture; the payload is ``image``, then ``depth``, then ``perceived``.
 
     Attributes:
         source: "robot/<id>" or "camera/<id>".
@@ -69,6 +83,8 @@ class FrameHeader(Message, frozen=True, kw_only=True):
         clock: how the time of capture is known, which ``stamp_ns`` is.
         depth_source: where its depth comes from; "none": no pixel has one.
         depth_uncertainty: of an estimated depth.
+        tier: how much of the view the payload holds. ``camera`` describes the whole view, whatever a part holds of it.
+        perceived: what the sender's own perception saw in it; None: it didn't look. Other tiers than ``PERCEIVED_TIERS`` have none.
         scan: of a robot's laser scanner; None: it has none, or none at that time.
     """
 
@@ -85,4 +101,6 @@ class FrameHeader(Message, frozen=True, kw_only=True):
     clock: CaptureClock = "arrival"
     depth_source: DepthSource = "sensor"
     depth_uncertainty: DepthUncertainty = MEASURED
+    tier: Tier = "jpeg+depth"
+    perceived: PayloadPart | None = None
     scan: ScanHeader | None = None

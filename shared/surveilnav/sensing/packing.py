@@ -1,16 +1,6 @@
 """Encodes pictures, depth, embeddings and arrays as bytes, and decodes them.
 
 Data from the network may be malicious: sizes are checked before anything is decompressed, and any fault raises ``WireError``.
-
-Depth is encoded as ``depth-invq-zstd``: inverse depth in steps of ``DEPTH_QUANTUM_PER_M`` (uint16; 0: none), as the
-difference to the left neighbour (in the first column: to the pixel above), folded to an unsigned number (zigzag); all low
-bytes, then all high bytes; zstd. A step q in 1/z is q·z² in z, which grows with distance as the noise of structured-light
-and stereo sensors does (Nguyen, Izadi & Lovell 2012: sigma = 1.2 mm + 1.9 mm/m² · (z - 0.4 m)²). With q = 0.001/m the
-largest error is z²/2000:
-
-    z [m]                0.5    1     2     3     5     10
-    largest error [mm]     0.13   0.5   2     4.5   12.5  50
-    sensor's sigma [mm]  1.2    1.9   6.1   14    41    176
 """
 
 from __future__ import annotations
@@ -29,15 +19,12 @@ from numpy.typing import DTypeLike, NDArray
 from surveilnav.contract import ID
 from surveilnav.errors import WireError
 from surveilnav.geometry import Pinhole
-from surveilnav.messages import FrameHeader, PayloadPart
+from surveilnav.messages import PERCEIVED_TIERS, FrameHeader, PayloadPart
+from surveilnav.sensing.depth_codec import decode_depth, encode_depth
+from surveilnav.sensing.limits import MAX_ARRAY_BYTES, check_pixels, unzstd
 from surveilnav.sensing.scans import decode_scan
 from surveilnav.sensing.views import PosedView
 
-DEPTH_QUANTUM_PER_M: Final = 0.001
-
-#: Limits for received data. A picture of 4096 x 4096 needs 48 MB as pixels and 64 MB as metric depth.
-MAX_PIXELS: Final = 4096 * 4096
-MAX_ARRAY_BYTES: Final = 256 * 1024 * 1024
 MAX_EMBEDDING_DIM: Final = 4096
 MAX_NAMES: Final = 4096  # classes of a vocabulary
 MAX_LABEL_CHARS: Final = 100
@@ -90,7 +77,15 @@ def decode_frame(header: FrameHeader, payload: bytes) -> PosedView:
         raise WireError(f"a depth's uncertainty is given by standard deviations from 0 to 1, got {uncertainty}")
     if not all(math.isfinite(v) and abs(v) < 1e6 for v in header.T_world_camera.translation_m):
         raise WireError(f"the camera's position must be finite metres, got {header.T_world_camera.translation_m}")
-    rgb, depth_m = decode_rgbd(payload, header.image, header.depth, header.camera, header.depth_range_m)
+    rest = header.perceived.n_bytes if header.perceived is not None else 0
+    if not 0 <= rest <= len(payload):
+        raise WireError(
+            f"the payload has {len(payload)} bytes, its header says that {rest} of them are what was perceived"
+        )
+    rgbd, is_reduced = payload[: len(payload) - rest], header.tier in PERCEIVED_TIERS
+    rgb, depth_m = decode_rgbd(
+        rgbd, header.image, header.depth, header.camera, header.depth_range_m, is_reduced=is_reduced
+    )
     return PosedView(
         source=header.source,
         view=header.view,
@@ -110,41 +105,99 @@ def decode_frame(header: FrameHeader, payload: bytes) -> PosedView:
 
 
 def decode_rgbd(
-    payload: bytes, image: PayloadPart, depth: PayloadPart, camera: Pinhole, depth_range_m: tuple[float, float]
+    payload: bytes,
+    image: PayloadPart,
+    depth: PayloadPart,
+    camera: Pinhole,
+    depth_range_m: tuple[float, float],
+    *,
+    is_reduced: bool = False,
 ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
     """Decodes a payload: rgb (height, width, 3) uint8, and depth (height, width) float32 [m], 0 where there is none.
 
+    ``is_reduced``: the picture may be smaller than the view, and is enlarged.
+
     Raises:
         WireError: sizes, encodings or dimensions don't fit.
     """
-    check_rgbd(payload, image, depth, camera)
-    size = camera.width_px, camera.height_px
-    return (
-        decode_jpeg(payload[: image.n_bytes], *size),
-        decode_depth(payload[image.n_bytes :], *size, depth_range_m),
+    width_px, height_px = check_rgbd(payload, image, depth, camera, is_reduced=is_reduced)
+    data = payload[: image.n_bytes]
+    rgb = decode_png(data, width_px, height_px) if image.encoding == "png" else decode_jpeg(data, width_px, height_px)
+    if rgb.shape[:2] != (camera.height_px, camera.width_px):
+        size = camera.width_px, camera.height_px
+        rgb = np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_LINEAR), np.uint8)
+    return rgb, decode_depth(
+        payload[image.n_bytes :],
+        camera.width_px,
+        camera.height_px,
+        depth_range_m,
+        divisor=depth.divisor,
+        quantum_per_m=depth.quantum_per_m,
     )
 
 
-def check_rgbd(payload: bytes, image: PayloadPart, depth: PayloadPart, camera: Pinhole) -> None:
-    """Checks all of a payload that can be checked before decoding a pixel: its parts, and the JPEG's dimensions.
+def check_rgbd(
+    payload: bytes, image: PayloadPart, depth: PayloadPart, camera: Pinhole, *, is_reduced: bool = False
+) -> tuple[int, int]:
+    """Checks all of a payload that can be checked before decoding a pixel: its parts, and the picture's dimensions, which it returns.
 
     Raises:
         WireError: sizes, encodings or dimensions don't fit.
     """
-    if image.encoding != "jpeg" or depth.encoding != "depth-invq-zstd":
-        raise WireError(f"expected parts jpeg and depth-invq-zstd, got {image.encoding} and {depth.encoding}")
+    if image.encoding not in ("jpeg", "png") or depth.encoding != "depth-invq-zstd":
+        raise WireError(f"expected parts jpeg or png and depth-invq-zstd, got {image.encoding} and {depth.encoding}")
     if image.n_bytes <= 0 or depth.n_bytes <= 0 or image.n_bytes + depth.n_bytes != len(payload):
         raise WireError(
             f"the payload has {len(payload)} bytes, its header says {image.n_bytes} (image) + {depth.n_bytes} (depth)"
         )
-    _check_jpeg(payload[: image.n_bytes], camera.width_px, camera.height_px)
+    check_pixels(camera.width_px, camera.height_px)
+    data = payload[: image.n_bytes]
+    width_px, height_px = _png_size(data) if image.encoding == "png" else _jpeg_size(data)
+    fits = width_px <= camera.width_px and height_px <= camera.height_px
+    if not (fits if is_reduced else (width_px, height_px) == (camera.width_px, camera.height_px)):
+        kind = image.encoding.upper()
+        raise WireError(f"the header says {camera.width_px}x{camera.height_px}, the {kind} {width_px}x{height_px}")
+    return width_px, height_px
+
+
+def encode_png(rgb: NDArray[np.uint8]) -> bytes:
+    """Encodes (height, width, 3) uint8 as PNG, which loses nothing."""
+    return _encoded(".png", rgb, [cv2.IMWRITE_PNG_COMPRESSION, 3])
+
+
+def decode_png(data: bytes, width_px: int, height_px: int) -> NDArray[np.uint8]:
+    """Decodes a PNG of these dimensions, of three channels of 8 bits, to RGB (height, width, 3) uint8.
+
+    Raises:
+        WireError: it isn't one, is cut off, or has other dimensions, which is checked before a pixel is decoded.
+    """
+    check_pixels(width_px, height_px)
+    if (size := _png_size(data)) != (width_px, height_px):
+        raise WireError(f"the header says {width_px}x{height_px}, the PNG {size[0]}x{size[1]}")
+    return _decoded(data, width_px, height_px, "PNG")
+
+
+def _png_size(data: bytes) -> tuple[int, int]:
+    """(width, height) in the header of a PNG of three channels of 8 bits."""
+    if len(data) < 33 or data[:8] != b"\x89PNG\r\n\x1a\n" or data[12:16] != b"IHDR":
+        raise WireError("the image isn't a PNG: it doesn't begin with its signature and IHDR")
+    width, height, depth, colours = struct.unpack_from(">IIBB", data, 16)
+    if (depth, colours) != (8, 2):
+        raise WireError(f"expected a PNG of three channels of 8 bits, got {depth} bits and colour type {colours}")
+    if not data.endswith(b"IEND\xaeB`\x82"):
+        raise WireError("the PNG is cut off: it doesn't end with its end marker")
+    return width, height
 
 
 def encode_jpeg(rgb: NDArray[np.uint8], quality: int = 90) -> bytes:
     """Encodes (height, width, 3) uint8 as baseline JPEG."""
+    return _encoded(".jpg", rgb, [cv2.IMWRITE_JPEG_QUALITY, int(quality)])
+
+
+def _encoded(suffix: str, rgb: NDArray[np.uint8], options: list[int]) -> bytes:
     if rgb.ndim != 3 or rgb.shape[2] != 3 or rgb.dtype != np.uint8:
         raise ValueError(f"a picture is (height, width, 3) uint8, got {rgb.shape} {rgb.dtype}")
-    ok, data = cv2.imencode(".jpg", cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, int(quality)])
+    ok, data = cv2.imencode(suffix, cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), options)
     if not ok:
         raise ValueError(f"OpenCV couldn't encode a picture of {rgb.shape}")
     return data.tobytes()
@@ -157,28 +210,32 @@ def decode_jpeg(data: bytes, width_px: int, height_px: int) -> NDArray[np.uint8]
         WireError: it isn't one, is cut off, or has other dimensions, which is checked before a pixel is decoded.
     """
     _check_jpeg(data, width_px, height_px)
+    return _decoded(data, width_px, height_px, "JPEG")
+
+
+def _decoded(data: bytes, width_px: int, height_px: int, kind: str) -> NDArray[np.uint8]:
     try:
         bgr = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
     except cv2.error as error:
-        raise WireError(f"the JPEG can't be decoded: {error.err}") from None
+        raise WireError(f"the {kind} can't be decoded: {error.err}") from None
     if bgr is None or bgr.shape != (height_px, width_px, 3):
-        raise WireError("the JPEG can't be decoded")
+        raise WireError(f"the {kind} can't be decoded")
     return np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), dtype=np.uint8)
 
 
 def _check_jpeg(data: bytes, width_px: int, height_px: int) -> None:
-    _check_pixels(width_px, height_px)
+    check_pixels(width_px, height_px)
     size = _jpeg_size(data)
     if size != (width_px, height_px):
         raise WireError(f"the header says {width_px}x{height_px}, the JPEG {size[0]}x{size[1]}")
-    if not data.endswith(b"\xff\xd9"):
-        raise WireError("the JPEG is cut off: it doesn't end with its end marker")
 
 
 def _jpeg_size(data: bytes) -> tuple[int, int]:
-    """(width, height) in the frame header of a baseline JPEG with three components."""
+    """(width, height) in the frame header of a whole baseline JPEG with three components."""
     if not data.startswith(b"\xff\xd8"):
         raise WireError("the image isn't a JPEG: it doesn't begin with FF D8")
+    if not data.endswith(b"\xff\xd9"):
+        raise WireError("the JPEG is cut off: it doesn't end with its end marker")
     at = 2
     while at + 4 <= len(data):
         if data[at] != 0xFF:
@@ -199,88 +256,6 @@ def _jpeg_size(data: bytes) -> tuple[int, int]:
             break
         at += 2 + length
     raise WireError("the JPEG has no frame header")
-
-
-def _check_pixels(width_px: int, height_px: int) -> None:
-    if width_px < 1 or height_px < 1 or width_px * height_px > MAX_PIXELS:
-        raise WireError(f"a picture may have up to {MAX_PIXELS} pixels, got {width_px}x{height_px}")
-
-
-# --- depth ----------------------------------------------------------------------------------------------------
-
-
-def encode_depth(depth_m: NDArray[np.floating], depth_range_m: tuple[float, float]) -> bytes:
-    """Encodes depth (height, width) [m] as ``depth-invq-zstd``. Values that aren't finite or in range become "none"."""
-    near, far = _checked_range(depth_range_m)
-    depth = np.ascontiguousarray(depth_m, dtype=np.float32)
-    if depth.ndim != 2:
-        raise ValueError(f"a depth image is (height, width), got {depth.shape}")
-    with np.errstate(invalid="ignore"):
-        valid = (depth >= near) & (depth <= far)  # False for NaN
-    steps = np.reciprocal(np.where(valid, depth, np.float32(1.0)))
-    steps *= np.float32(1.0 / DEPTH_QUANTUM_PER_M)
-    steps += np.float32(0.5)
-    q = steps.astype(np.uint16)
-    np.maximum(q, 1, out=q)
-    q *= valid
-    delta = q.copy()
-    delta[:, 1:] -= q[:, :-1]
-    delta[1:, 0] -= q[:-1, 0]
-    signed = delta.view(np.int16)
-    folded = ((signed << 1) ^ (signed >> 15)).view(np.uint16)
-    return zstandard.ZstdCompressor(level=1).compress(to_byte_planes(folded))
-
-
-def decode_depth(data: bytes, width_px: int, height_px: int, depth_range_m: tuple[float, float]) -> NDArray[np.float32]:
-    """Decodes depth to (height, width) float32 [m], 0 where there is none; other values lie within ``depth_range_m``.
-
-    Raises:
-        WireError: the data isn't ``depth-invq-zstd`` of these dimensions, or the range is invalid.
-    """
-    _check_pixels(width_px, height_px)
-    try:
-        near, far = _checked_range(depth_range_m)
-    except ValueError as error:
-        raise WireError(str(error)) from None
-    folded = from_byte_planes(_unzstd(data, 2 * width_px * height_px), (height_px, width_px))
-    delta = (folded >> 1) ^ (-(folded & 1).view(np.int16)).view(np.uint16)
-    delta[:, 0] = np.cumsum(delta[:, 0], dtype=np.uint16)
-    steps = np.cumsum(delta, axis=1, dtype=np.uint16)
-    return _depth_table(near, far).take(
-        steps, mode="wrap"
-    )  # the table has an entry for every step: no need to check them
-
-
-def to_byte_planes(values: NDArray[np.uint16]) -> bytes:
-    """All low bytes, then all high bytes: smooth pictures become runs, which compress well."""
-    return np.stack([values.astype(np.uint8), (values >> 8).astype(np.uint8)]).tobytes()
-
-
-def from_byte_planes(data: bytes, shape: tuple[int, int]) -> NDArray[np.uint16]:
-    """Inverse of ``to_byte_planes``. Raises ValueError if ``data`` doesn't have this shape."""
-    low, high = np.frombuffer(data, np.uint8).reshape(2, *shape)
-    values = high.astype(np.uint16)
-    values <<= 8
-    values |= low
-    return values
-
-
-def _depth_table(near_m: float, far_m: float) -> NDArray[np.float32]:
-    """Depth of each step, (65536,) float32. Steps outside the range, by more than rounding, are "none"."""
-    inverse_depth = np.arange(65536) * DEPTH_QUANTUM_PER_M
-    inverse_depth[0] = np.inf  # none
-    slack = 0.51 * DEPTH_QUANTUM_PER_M
-    valid = (inverse_depth <= 1 / near_m + slack) & (inverse_depth >= 1 / far_m - slack)
-    valid[1] |= 1 / far_m < 1.5 * DEPTH_QUANTUM_PER_M
-    depth = np.clip(1.0 / inverse_depth, near_m, far_m)
-    return np.where(valid, depth, 0.0).astype(np.float32)
-
-
-def _checked_range(depth_range_m: tuple[float, float]) -> tuple[float, float]:
-    near, far = (float(v) for v in depth_range_m)
-    if not (0.02 <= near < far <= 1000.0):  # False for NaN
-        raise ValueError(f"a depth range needs 0.02 m <= nearest < farthest <= 1000 m, got ({near}, {far})")
-    return near, far
 
 
 # --- embeddings ------------------------------------------------------------------------------------------------
@@ -332,18 +307,4 @@ def unpack_array(data: bytes, dtype: DTypeLike, shape: Sequence[int], max_bytes:
     n_bytes = math.prod(int(n) for n in shape) * kind.itemsize
     if n_bytes > max_bytes:
         raise WireError(f"an array may have up to {max_bytes} bytes, its header says {n_bytes}")
-    return np.frombuffer(_unzstd(data, n_bytes), kind).reshape(tuple(int(n) for n in shape))
-
-
-def _unzstd(data: bytes, n_bytes: int) -> bytes:
-    """Decompresses one zstd frame of ``n_bytes``. The stated size is checked before anything is allocated."""
-    try:
-        stated = zstandard.frame_content_size(data)
-        if stated != n_bytes:
-            raise WireError(f"expected zstd data of {n_bytes} bytes, it says it holds {stated}")
-        raw: bytes = zstandard.ZstdDecompressor().decompress(data, allow_extra_data=False)
-    except zstandard.ZstdError as error:
-        raise WireError(f"the data can't be decompressed: {error}") from None
-    if len(raw) != n_bytes:
-        raise WireError(f"expected {n_bytes} bytes, got {len(raw)}")
-    return raw
+    return np.frombuffer(unzstd(data, n_bytes), kind).reshape(tuple(int(n) for n in shape))

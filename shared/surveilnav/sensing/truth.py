@@ -7,7 +7,8 @@ import numpy as np
 from surveilnav.errors import WireError
 from surveilnav.geometry import Pose
 from surveilnav.messages import Truth
-from surveilnav.sensing.packing import MAX_LABEL_CHARS, MAX_PIXELS, pack_array, unpack_array
+from surveilnav.sensing.limits import MAX_PIXELS
+from surveilnav.sensing.packing import MAX_LABEL_CHARS, pack_array, unpack_array
 from surveilnav.sensing.views import TrueInstances
 
 

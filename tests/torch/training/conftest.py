@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from surveilnav.sensing.packing import encode_depth
+from surveilnav.sensing.depth_codec import encode_depth
 from training.detector import classes
 from training.detector.pack import Pack, PackedView, encoded
 from training.detector.views import DEPTH_RANGE_M
