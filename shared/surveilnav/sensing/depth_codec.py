@@ -13,7 +13,8 @@ which grows with distance as the noise of structured-light and stereo sensors do
 With ``divisor`` d > 1 each square of d x d pixels is one cell: the median of its inverse depths, or none if less than half of it
 has depth. Inverse depth is an affine function of the pixel on every plane, so interpolating cells restores planes exactly, and
 the median of many pixels has less noise than each of them. Between cells that don't continue one another, at the edges of things,
-nothing is interpolated: each pixel gets the depth of its own cell.
+nothing is interpolated: each pixel gets the depth of its own cell. Where ``divisor`` doesn't divide the picture's size, the cells
+at its right and lower edge are smaller, and what is interpolated there is off by up to half a cell's slope.
 """
 
 from __future__ import annotations

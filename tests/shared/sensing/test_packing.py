@@ -17,7 +17,7 @@ from hypothesis.extra import numpy as hnp
 from surveilnav.errors import WireError
 from surveilnav.geometry import Pinhole, Pose, camera_pose
 from surveilnav.messages import FrameHeader, PayloadPart
-from surveilnav.sensing import packing
+from surveilnav.sensing import depth_codec, packing
 
 RANGE_M = (0.5, 5.0)
 CAMERA = Pinhole.from_hfov(64, 48, math.radians(79))
@@ -60,18 +60,18 @@ def test_depth_error_stays_within_half_a_quantum_of_inverse_depth(
     depth: np.ndarray, range_m: tuple[float, float]
 ) -> None:
     near, far = range_m
-    back = packing.decode_depth(packing.encode_depth(depth, range_m), depth.shape[1], depth.shape[0], range_m)
+    back = depth_codec.decode_depth(depth_codec.encode_depth(depth, range_m), depth.shape[1], depth.shape[0], range_m)
     valid = (depth >= near) & (depth <= far)
     np.testing.assert_array_equal(back > 0, valid)
     inverse_error = np.abs(1 / back[valid].astype(np.float64) - 1 / depth[valid].astype(np.float64))
-    assert np.all(inverse_error <= 0.501 * packing.DEPTH_QUANTUM_PER_M)
+    assert np.all(inverse_error <= 0.501 * depth_codec.DEPTH_QUANTUM_PER_M)
     assert np.all((back[valid] >= np.float32(near)) & (back[valid] <= np.float32(far)))
 
 
 def test_depth_format_matches_a_literal_reader() -> None:
     """The format as the module's docstring tells it, read pixel by pixel."""
     depth = np.random.default_rng(3).uniform(0.4, 6.0, (5, 7)).astype(np.float32)
-    raw = zstandard.ZstdDecompressor().decompress(packing.encode_depth(depth, RANGE_M))
+    raw = zstandard.ZstdDecompressor().decompress(depth_codec.encode_depth(depth, RANGE_M))
     n = 35
     q = np.zeros((5, 7), dtype=int)
     for row in range(5):
@@ -161,9 +161,9 @@ def test_other_pictures_are_refused() -> None:
 
 def test_zstd_bombs_are_refused_before_decompressing(monkeypatch: pytest.MonkeyPatch) -> None:
     bomb = zstandard.compress(bytes(100_000_000))
-    monkeypatch.setattr(packing.zstandard, "ZstdDecompressor", lambda: pytest.fail("decompressed"))
+    monkeypatch.setattr(zstandard, "ZstdDecompressor", lambda: pytest.fail("decompressed"))
     with pytest.raises(WireError, match="100000000"):
-        packing.decode_depth(bomb, 64, 48, RANGE_M)
+        depth_codec.decode_depth(bomb, 64, 48, RANGE_M)
 
 
 def test_zstd_bombs_and_other_bytes_are_refused() -> None:
@@ -172,7 +172,7 @@ def test_zstd_bombs_and_other_bytes_are_refused() -> None:
     twice = zstandard.compress(bytes(2 * 64 * 48)) * 2
     for data in (bomb, unsized, twice, b"", b"\x28\xb5\x2f\xfd"):
         with pytest.raises(WireError):
-            packing.decode_depth(data, 64, 48, RANGE_M)
+            depth_codec.decode_depth(data, 64, 48, RANGE_M)
 
 
 @settings(max_examples=150, deadline=None)
