@@ -34,7 +34,7 @@ _PATIENCE_S = 600.0
 class StillSource:
     """A camera that looks down on an empty floor of 6 x 6 m between walls, with a little noise of its own."""
 
-    tier = "jpeg+depth"
+    has_depth = True
     intrinsics, depth_range_m = LENS, RANGE_M
 
     def __init__(self, number: int, floor: str) -> None:

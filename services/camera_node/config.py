@@ -7,6 +7,8 @@ from typing import Literal
 from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+from surveilnav.errors import ConfigError
+from surveilnav.messages import PERCEIVED_TIERS, TierChoice
 from surveilnav.perception.names import BackendName
 
 
@@ -31,6 +33,17 @@ class CameraSettings(BaseSettings):
         "`.onnx`",
     )
     max_age_s: float = Field(5.0, gt=0, description="a real camera's picture that is older doesn't count")
+    tier: TierChoice = Field(
+        "jpeg+depth",
+        description="how much the camera sends of its views: `raw`, `jpeg+depth`, `jpeg` (no depth), `features` (what its own "
+        "perception sees, with coarse depth: about a hundredth of the bytes), `objects` (objects alone), or `auto` (`features`, "
+        "less or more as budget and requests have it). The last three need PERCEPTION",
+    )
+    budget_kb_s: float | None = Field(
+        None,
+        gt=0,
+        description="bytes of frames that the camera may send [kB/s, of 1,000 bytes]; empty: as many as it has",
+    )
     jpeg_quality: int = Field(85, ge=10, le=100, description="JPEG quality of the frames it sends")
     thumbnail_width_px: int = Field(480, ge=64, le=1280, description="width of the pictures shown to people")
     masks: str = Field(
@@ -40,7 +53,7 @@ class CameraSettings(BaseSettings):
     perception: str = Field(
         "none",
         pattern=f"^({'|'.join(('none', *BackendName))})$",
-        description="backend with which the camera examines its own views, for its summary; none, "
+        description="backend with which the camera examines its own views, for its summary and for TIER; none, "
         f"{' and '.join(n for n in BackendName if n.too_large_for_camera)} (which are too large for a camera): it doesn't",
     )
     min_floors: int = Field(
@@ -56,6 +69,14 @@ class CameraSettings(BaseSettings):
     look_period_s: float = Field(1.0, gt=0, description="time between two views that the camera examines itself")
     threads: int = Field(1, ge=1, le=64, description="threads of the camera's own networks")
     download: bool = Field(True, description="whether missing weights may be downloaded")
+
+    def check_tier(self) -> None:
+        """ConfigError: the tier needs the camera's own perception, and the settings name none."""
+        if self.tier in (*PERCEIVED_TIERS, "auto") and not self.runs_perception:
+            raise ConfigError(
+                f"a camera of tier {self.tier} sends what it sees itself, but its perception is {self.perception!r}: set "
+                "SURVEILNAV_CAMERA__PERCEPTION=compact, or another tier"
+            )
 
     @property
     def runs_perception(self) -> bool:

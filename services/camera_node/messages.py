@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from surveilnav.messages import CameraInfo, CameraViewInfo, FrameHeader
+from surveilnav.messages import CameraInfo, CameraViewInfo, FrameHeader, TierChoice
 from surveilnav.services.camera_node.frames import EncodedFrame
 from surveilnav.services.camera_node.sources.source import Source
 
 
-def camera_info(source: Source, *, paused: bool, now_ns: int) -> CameraInfo:
-    """The description of a camera."""
+def camera_info(source: Source, tier: TierChoice, *, paused: bool, now_ns: int) -> CameraInfo:
+    """The description of a camera. ``tier``: its setting; without depth, pictures are sent as ``jpeg``."""
     place = source.place
     return CameraInfo(
         stamp_ns=now_ns,
@@ -18,7 +18,7 @@ def camera_info(source: Source, *, paused: bool, now_ns: int) -> CameraInfo:
         mounting_offset_m=place.mounting_offset_m,
         intrinsics=source.intrinsics,
         views=[CameraViewInfo(v, pose) for v, pose in enumerate(source.views)],
-        tier=source.tier,
+        tier="jpeg" if tier == "jpeg+depth" and not source.has_depth else tier,
         label=place.label,
         stream=source.stream,
         paused=paused,
@@ -43,4 +43,6 @@ def frame_header(source: Source, view: int, seq: int, frame: EncodedFrame, *, no
         clock=frame.clock,
         depth_source=frame.depth_source,
         depth_uncertainty=frame.depth_uncertainty,
+        tier=frame.tier,
+        perceived=frame.perceived,
     )

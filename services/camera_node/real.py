@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import structlog
@@ -14,6 +15,7 @@ from surveilnav.bus.main import exit_on_sigterm
 from surveilnav.cameras_file import CameraEntry, CamerasFile, load_cameras
 from surveilnav.cameras_file.urls import shown
 from surveilnav.errors import ConfigError
+from surveilnav.perception.backend import Backend
 from surveilnav.perception.depth import DepthEstimator, DepthNetwork
 from surveilnav.perception.depth.fitted import FittedDepth
 from surveilnav.perception.depth.reference import LOWEST_M
@@ -77,7 +79,7 @@ def _run(watched: _WatchedFile, name: str, node: Node, settings: CameraSettings)
         raise ConfigError(f"{file.path}: camera {entry.name}: {error}") from None
     watcher = _EntryWatcher(watched, name)
     node.log.info("reads a stream", stream=shown(entry.stream), views=len(source.views))
-    service = CameraService(node, source, settings)
+    service = CameraService(node, source, settings, partial(_own_backend, settings))
 
     def step() -> bool:
         if watcher.changed():
@@ -91,6 +93,13 @@ def _run(watched: _WatchedFile, name: str, node: Node, settings: CameraSettings)
     finally:
         source.close()
     return watcher.has_changed
+
+
+def _own_backend(settings: CameraSettings) -> Backend:
+    from surveilnav.perception.choose import choose_backend  # loads ONNX Runtime, which few cameras need
+    from surveilnav.perception.presets import NetworkSettings
+
+    return choose_backend(settings.perception, NetworkSettings(threads=settings.threads, download=settings.download))
 
 
 def _depth_estimator(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 from surveilnav.bus import BusSettings
@@ -24,13 +25,14 @@ def run_simulated_camera(settings: CameraSettings, bus: BusSettings) -> None:
         read_zones(Path(settings.masks), "", 0, names)
     with take_camera(settings.id, lambda: names, f"the plan of {plan.building}", bus) as (name, node):
         source = SimulatedSource(building, plan.cameras[names.index(name)])
-        service = CameraService(node, source, settings)
+        load = partial(_backend, building, settings)
+        service = CameraService(node, source, settings, load)
         with open_edge_perception(
             node,
             source,
             settings,
             n_floors=len(plan.floors),
-            load=lambda: _backend(building, settings),
+            load=load,
             busy=lambda: service.sending or service.paused,
         ):
             node.run(service.step, idle_s=0.02)

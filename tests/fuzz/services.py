@@ -312,7 +312,7 @@ class _Source:
 
     place = Place("c1", "0", (1.0, 1.0, 2.4), 2.4)
     views = (Pose.from_matrix(base_pose((1.0, 1.0, 2.4), 0.0)),)
-    intrinsics, depth_range_m, tier = LENS, RANGE_M, "jpeg+depth"
+    intrinsics, depth_range_m, has_depth = LENS, RANGE_M, True
     stream = StreamStatus()
 
     def version(self, view: int) -> int | None:

@@ -15,6 +15,10 @@ class SendState:
 
     sent: Mapping[int, int] = field(default_factory=dict)
 
+    def without(self, views: Collection[int]) -> SendState:
+        """The state if these views weren't sent after all."""
+        return SendState({v: version for v, version in self.sent.items() if v not in views}) if views else self
+
 
 def views_to_send(
     state: SendState,

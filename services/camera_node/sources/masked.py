@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from surveilnav.geometry.polygon import pixels_in
 from surveilnav.messages import StreamStatus
 from surveilnav.services.camera_node.config import CameraSettings
-from surveilnav.services.camera_node.sources.source import Picture, Source, Tier
+from surveilnav.services.camera_node.sources.source import Picture, Source
 from surveilnav.services.camera_node.zones import Zones, read_zones
 
 
@@ -35,7 +35,7 @@ class MaskedSource:
         self._source, self.zones = source, zones
         self.place, self.views = source.place, source.views
         self.intrinsics, self.depth_range_m = source.intrinsics, source.depth_range_m
-        self.tier: Tier = source.tier
+        self.has_depth = source.has_depth
         self._masks: dict[tuple[int, int, int], NDArray[np.bool_]] = {}
 
     @property

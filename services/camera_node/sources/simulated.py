@@ -8,7 +8,7 @@ from surveilnav.camera_plan import PlannedCamera
 from surveilnav.geometry import Pose
 from surveilnav.messages import StreamStatus
 from surveilnav.sensing.views import TrueInstances
-from surveilnav.services.camera_node.sources.source import Picture, Place, Tier
+from surveilnav.services.camera_node.sources.source import Picture, Place
 from surveilnav.simulator.simulation import CAMERA_DEPTH_RANGE_M, SimulatedBuilding
 
 
@@ -23,7 +23,7 @@ class SimulatedSource:
         self.views: Sequence[Pose] = camera.views
         self.intrinsics = plan.intrinsics
         self.depth_range_m = CAMERA_DEPTH_RANGE_M
-        self.tier: Tier = "jpeg+depth"
+        self.has_depth = True
         self.stream = StreamStatus()
 
     def version(self, view: int) -> int | None:

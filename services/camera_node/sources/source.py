@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,9 +12,6 @@ from numpy.typing import NDArray
 from surveilnav.geometry import Pinhole, Pose
 from surveilnav.messages import MEASURED, CaptureClock, DepthSource, DepthUncertainty, StreamStatus
 from surveilnav.sensing.views import TrueInstances
-
-#: Whether pictures come with depth.
-Tier = Literal["jpeg+depth", "jpeg"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,14 +60,14 @@ class Source(Protocol):
         views: ``T_world_camera`` of each view; a fixed camera has one.
         intrinsics: of every view, for colour and depth alike.
         depth_range_m: (nearest, farthest) depth that it measures.
-        tier: whether its pictures have depth.
+        has_depth: whether its pictures have depth.
     """
 
     place: Place
     views: Sequence[Pose]
     intrinsics: Pinhole
     depth_range_m: tuple[float, float]
-    tier: Tier
+    has_depth: bool
 
     @property
     def stream(self) -> StreamStatus:

@@ -21,7 +21,7 @@ from surveilnav.services.camera_node.core.change import ChangeDetector
 from surveilnav.services.camera_node.core.shift import ShiftDetector
 from surveilnav.services.camera_node.core.stream_health import FrameStatistics, StreamHealth
 from surveilnav.services.camera_node.sources.readers.reader import CapturedFrame, FrameReader, StreamError
-from surveilnav.services.camera_node.sources.source import Picture, Place, Tier
+from surveilnav.services.camera_node.sources.source import Picture, Place
 
 #: A picture is sent anew after this time even if nothing has changed, so that others know that the camera still sees.
 REFRESH_S = 600.0
@@ -56,7 +56,7 @@ class StreamSource:
         log: Callable[[str], None] = lambda _: None,
         depth_estimator: DepthEstimator | None = None,
     ) -> None:
-        self.tier: Tier = "jpeg" if depth_estimator is None else "jpeg+depth"
+        self.has_depth = depth_estimator is not None
         self._depth_estimator, self._floor_z_m = depth_estimator, floor_z_m
         made = views_of(entry)
         self.place = Place(entry.name, entry.floor, entry.position_m, entry.position_m[2] - floor_z_m, entry.label)

@@ -43,7 +43,9 @@ class ViewIntake:
         self.positions = RobotPositions()
         self.texts = TextEncoder(self._workers)
         ranking = ViewRanking(maps, self.positions)
-        self._perception = PerceptionClient(node, settings, self._workers, maps, self._words, ranking)
+        self._perception = PerceptionClient(
+            node, settings, self._workers, maps, self._words, ranking, self._sources.want_pictures
+        )
         self._faulty: dict[ViewKey, PerceivedView] = {}
         self._perceived_for: tuple[frozenset[str], str] = frozenset(), ""  # words and embedding model of the last check
         self._words_s = 0.0

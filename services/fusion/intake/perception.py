@@ -11,7 +11,7 @@ import hashlib
 import queue
 import threading
 from collections import OrderedDict
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
 import msgspec
@@ -19,10 +19,11 @@ import msgspec
 from surveilnav.bus import Node, Received, Refused, bound_request_id, clock_ns
 from surveilnav.contract import PERCEPTION_INFER
 from surveilnav.errors import BusError, PerceptionError, WireError
-from surveilnav.messages import FrameHeader, InferReply, InferRequest
+from surveilnav.messages import PERCEIVED_TIERS, FrameHeader, InferReply, InferRequest
 from surveilnav.sensing.packing import decode_frame
+from surveilnav.sensing.perceived import perceived_reply
 from surveilnav.sensing.replies import perception_from_wire
-from surveilnav.sensing.views import ViewPerception, looks_straight_down
+from surveilnav.sensing.views import PosedView, ViewPerception, looks_straight_down
 from surveilnav.services.fusion.building_maps import BuildingMaps
 from surveilnav.services.fusion.config import FusionSettings
 from surveilnav.services.fusion.intake.ranking import ViewRanking
@@ -62,7 +63,10 @@ class PerceptionClient:
         maps: BuildingMaps,
         words: SearchedWords,
         ranking: ViewRanking,
+        want_pictures: Callable[[FrameHeader], None],
     ) -> None:
+        """``want_pictures`` is called with frames of cameras that sent none, and that didn't look for what is searched."""
+        self._want_pictures = want_pictures
         self._node, self._settings, self._workers = node, settings, workers
         self._maps, self._searched, self._ranking = maps, words, ranking
         self._lock = threading.Condition()
@@ -198,6 +202,8 @@ class PerceptionClient:
         if self._maps.processed.contains(key, _digest(frame, self._workers.embedder, words)):
             return PerceivedView(key, header, request_id=frame.request_id)
         view = decode_frame(header, frame.payload)
+        if header.tier in PERCEIVED_TIERS:
+            return self._perceived_by_camera(frame, view, words)
         reply, perception, attempts, embedder = b"", None, 0, self._workers.embedder
         looks_down = looks_straight_down(view.T_world_camera)
         while not looks_down and attempts < _MAX_ATTEMPTS:
@@ -227,6 +233,20 @@ class PerceptionClient:
         lane.problem = ""
         digest = _digest(frame, embedder, words)
         return PerceivedView(key, header, view, perception, frame.payload, reply, digest, request_id=frame.request_id)
+
+    def _perceived_by_camera(
+        self, frame: Received[FrameHeader], view: PosedView, words: tuple[str, ...]
+    ) -> PerceivedView:
+        """A frame of a camera that looks by itself. If it didn't look for all ``words``, its pictures are wanted as well."""
+        header, key, perception = frame.message, (frame.message.source, frame.message.view), None
+        reply = perceived_reply(header, frame.payload)
+        if reply is not None:
+            perception = perception_from_wire(reply, header.camera)
+            if not set(words) <= set(perception.words):
+                self._want_pictures(header)
+        raw = msgspec.msgpack.encode(reply) if reply is not None else b""
+        digest = _digest(frame, self._workers.embedder, words)
+        return PerceivedView(key, header, view, perception, frame.payload, raw, digest, request_id=frame.request_id)
 
     def _ask(self, frame: Received[FrameHeader], words: tuple[str, ...]) -> tuple[bytes, ViewPerception]:
         """Asks a worker about a frame; returns its reply, as bytes and decoded."""

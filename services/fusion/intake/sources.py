@@ -15,7 +15,7 @@ import msgspec
 from surveilnav.bus import LatestMessage, Node, Received, bound_request_id, clock_ns
 from surveilnav.contract import CAMERA_FRAME, CAMERA_INFO, CAMERA_REQUEST, MAP_REVISION, ROBOT_OBSERVATION, ROBOT_STATUS
 from surveilnav.errors import BusError
-from surveilnav.messages import CameraInfo, CameraRequest, FrameHeader
+from surveilnav.messages import PERCEIVED_TIERS, CameraInfo, CameraRequest, FrameHeader
 from surveilnav.services.fusion.building_maps import BuildingMaps
 from surveilnav.services.fusion.config import FusionSettings
 from surveilnav.services.fusion.core.views.invocation import Invocation, invoke
@@ -39,6 +39,7 @@ class InvokedCamera:
         resend_at_s: when views that haven't arrived are requested again.
         patience_s: time until the next such request; it doubles each time.
         is_silent: whether the camera neither sends nor answers, so that nobody should wait for its views.
+        pictures_wanted: views of which it sent no pictures, and should; asked for at ``pictures_at_s`` (again).
     """
 
     info: CameraInfo
@@ -47,6 +48,8 @@ class InvokedCamera:
     resend_at_s: float = 0.0
     patience_s: float = 0.0
     is_silent: bool = False
+    pictures_wanted: set[int] = field(default_factory=set)
+    pictures_at_s: float = 0.0
 
 
 class Sources:
@@ -73,6 +76,7 @@ class Sources:
         self._silent_prefetched: set[str] = set()
         self._floor_z_m: dict[str, float] = {}
         self._refreshed_s = 0.0
+        self._lock = threading.Lock()  # for the pictures that are wanted
         self.cameras: dict[str, InvokedCamera] = {}
 
     def infos(self) -> list[CameraInfo]:
@@ -89,6 +93,7 @@ class Sources:
             self._follow_robots()
             dropped = self._invoke(now_s)
             self._request_missing(now_s)
+            self._request_pictures(now_s)
         return [*self._robot_frames(), *self._camera_frames()], dropped
 
     def withdraw(self, removal: Removal) -> None:
@@ -106,6 +111,14 @@ class Sources:
             camera.arrived.clear()
             camera.patience_s, camera.resend_at_s = self._settings.resend_after_s, 0.0
         self._silent_prefetched.discard(name)
+
+    def want_pictures(self, header: FrameHeader) -> None:
+        """Has a camera that sends no pictures of a view send them from now on. Safe from any thread."""
+        camera = self.cameras.get(header.source.partition("/")[2])
+        if camera is None:
+            return
+        with self._lock:
+            camera.pictures_wanted.add(header.view)
 
     def _follow_robots(self) -> None:
         rows = self._statuses.rows(max_age_s=self._settings.robot_timeout_s)
@@ -151,6 +164,9 @@ class Sources:
                 if frame is not None and self._belongs(frame, f"camera/{name}", view):
                     camera.arrived.add(view)
                     camera.is_silent = False
+                    if frame.message.tier not in PERCEIVED_TIERS:
+                        with self._lock:
+                            camera.pictures_wanted.discard(view)
                     camera.resend_at_s = time.monotonic() + self._settings.resend_after_s
                     frames.append(self._by_our_clock(frame))
         return frames
@@ -261,8 +277,24 @@ class Sources:
             camera.resend_at_s = now_s + camera.patience_s
             threading.Thread(target=self._request, args=(camera, missing), name=f"resend-{name}", daemon=True).start()
 
-    def _request(self, camera: InvokedCamera, views: list[int]) -> None:
-        info, request = camera.info, CameraRequest(stamp_ns=clock_ns(), action="resend", views=views)
+    def _request_pictures(self, now_s: float) -> None:
+        """Requests the pictures of views from cameras that sent what they see themselves, where that isn't enough."""
+        for name, camera in self.cameras.items():
+            with self._lock:
+                views = sorted(camera.pictures_wanted)
+            if not views or now_s < camera.pictures_at_s:
+                continue
+            camera.pictures_at_s = now_s + self._settings.resend_after_s
+            self._node.log.info("wants pictures of a camera that looks by itself", camera=name, views=len(views))
+            threading.Thread(
+                target=self._request, args=(camera, views, True), name=f"pictures-{name}", daemon=True
+            ).start()
+
+    def _request(self, camera: InvokedCamera, views: list[int], pictures: bool = False) -> None:
+        info, request = (
+            camera.info,
+            CameraRequest(stamp_ns=clock_ns(), action="resend", views=views, pictures=pictures),
+        )
         try:
             self._node.ask(CAMERA_REQUEST, request, floor=info.floor, camera=info.camera)
         except BusError as error:

@@ -29,7 +29,9 @@ def view_messages(view: LoggedView, payload: bytes, log_ns: int) -> list[McapMes
     topic = f"/{view.source}" if isinstance(header, Observation) else f"/{view.source}/view_{view.view}"
     stamp, frame = to_timestamp(header.stamp_ns), topic.strip("/")
     camera_pose = to_pose(header.T_world_camera)
-    picture = CompressedImage(timestamp=stamp, frame_id=frame, data=payload[: header.image.n_bytes], format="jpeg")
+    picture = CompressedImage(
+        timestamp=stamp, frame_id=frame, data=payload[: header.image.n_bytes], format=header.image.encoding
+    )
     transform = FrameTransform(
         timestamp=stamp,
         parent_frame_id=WORLD,

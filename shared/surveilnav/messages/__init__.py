@@ -79,6 +79,7 @@ from surveilnav.messages.view import (
     FrameHeader,
     PayloadPart,
     Tier,
+    TierChoice,
 )
 from surveilnav.mission_states import FINISHED_STATES
 
@@ -134,6 +135,7 @@ __all__ = [
     "Observation",
     "PayloadPart",
     "Tier",
+    "TierChoice",
     "PicturesForgotten",
     "RemoveFromMaps",
     "Plan",

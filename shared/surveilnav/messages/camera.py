@@ -8,6 +8,7 @@ import msgspec
 
 from surveilnav.geometry import Pinhole, Pose
 from surveilnav.messages.base import Message
+from surveilnav.messages.view import TierChoice
 
 #: What a camera's stream is doing (``services/camera_node/core/stream_health.py`` defines each state).
 StreamState = Literal["connecting", "live", "no_frames", "frozen", "black", "grey", "garbled", "moved", "failed"]
@@ -44,7 +45,7 @@ class CameraInfo(Message, frozen=True, kw_only=True):
         position_m: (x, y, z) in the world.
         mounting_offset_m: height above the floor, the paper's delta z^c.
         intrinsics: of all views, for colour and depth.
-        tier: what it delivers.
+        tier: how much it sends of its views.
         label: its name for people; empty: as ``camera``.
         stream: what its stream is doing.
         paused: a person has paused it: it sends nothing, whoever listens.
@@ -56,7 +57,7 @@ class CameraInfo(Message, frozen=True, kw_only=True):
     mounting_offset_m: float
     intrinsics: Pinhole
     views: list[CameraViewInfo]
-    tier: Literal["jpeg+depth", "jpeg"] = "jpeg+depth"
+    tier: TierChoice = "jpeg+depth"
     label: str = ""
     stream: StreamStatus = StreamStatus()
     paused: bool = False
@@ -76,9 +77,11 @@ class CameraRequest(Message, frozen=True, kw_only=True):
     Attributes:
         action: "resend": publish the views again; "thumbnail": answer with a JPEG of the first view; "pause" or "resume".
         views: indices of the views; empty for "pause" and "resume".
+        pictures: of "resend": the views are wanted with their pictures from now on, also by a camera that sends less than that.
         width_px: width of the thumbnail; 0: the largest that the camera's settings allow.
     """
 
     action: Literal["resend", "thumbnail", "pause", "resume"]
     views: list[int] = []
+    pictures: bool = False
     width_px: int = 0

@@ -17,6 +17,8 @@ DepthSource = Literal["sensor", "network", "geometry", "none"]
 
 #: What a camera sends of a view, from most to least. ``surveilnav.sensing.tiers`` says what each of them holds.
 Tier = Literal["raw", "jpeg+depth", "jpeg", "features", "objects"]
+#: A camera's setting: a tier, or that it chooses one for each view.
+TierChoice = Literal[Tier, "auto"]
 #: The tiers in which a camera sends what it sees itself, and less than its whole picture.
 PERCEIVED_TIERS: Final[tuple[Tier, ...]] = ("features", "objects")
 
@@ -84,7 +86,7 @@ class FrameHeader(Message, frozen=True, kw_only=True):
         depth_source: where its depth comes from; "none": no pixel has one.
         depth_uncertainty: of an estimated depth.
         tier: how much of the view the payload holds. ``camera`` describes the whole view, whatever a part holds of it.
-        perceived: what the sender's own perception saw in it; None: it didn't look. Other tiers than ``PERCEIVED_TIERS`` have none.
+        perceived: what the sender's own perception saw in it; None: it didn't look. Only ``PERCEIVED_TIERS`` have it.
         scan: of a robot's laser scanner; None: it has none, or none at that time.
     """
 

@@ -139,7 +139,7 @@ def decode_rgbd(
 def check_rgbd(
     payload: bytes, image: PayloadPart, depth: PayloadPart, camera: Pinhole, *, is_reduced: bool = False
 ) -> tuple[int, int]:
-    """Checks all of a payload that can be checked before decoding a pixel: its parts, and the picture's dimensions, which it returns.
+    """Checks all of a payload that can be checked before decoding a pixel. Returns (width, height) of its picture.
 
     Raises:
         WireError: sizes, encodings or dimensions don't fit.

@@ -1,8 +1,8 @@
 """What a camera's own perception saw in a view, in a few kilobytes: ``perceived-zstd``.
 
-A worker's reply about a view of 1280 x 1280 with twenty detections takes 30 kB. Here masks are cells of ``divisor`` pixels a side,
-embeddings small integers (cosines change by less than 0.002), boxes whole pixels, scores and chances steps of
-1/254; all of it compressed. It is read into the same ``InferReply`` that a worker sends, so that nobody else needs to know of it.
+A worker's reply about a view of 1280 x 1280 with twenty detections takes 30 kB. Here masks are cells of ``divisor`` pixels
+a side, embeddings small integers (cosines change by less than 0.002), boxes whole pixels, scores and chances steps of 1/254; all
+of it compressed. It is read into the same ``InferReply`` that a worker sends, so that nobody else needs to know of it.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ from surveilnav.sensing.views import DetectedObject, ViewPerception, box_cells
 _MAX_BYTES: Final = 4 << 20
 _STEPS: Final = 254
 _NO_CHANCE: Final = 255
-#: Steps of a component up to the largest one. Fewer compress better: 31 change cosines by less than 0.002, in a third less bytes than 127.
+#: Steps of an embedding's component up to the largest one. 127 would take a third more bytes.
 _EMBEDDING_STEPS: Final = 31.0
 
 
 class _Packed(msgspec.Struct, frozen=True, array_like=True):
-    """``labels`` are indices into ``words``, or words that aren't among them. ``masks``: run lengths of each detection's cells."""
+    """``labels``: indices into ``words``, or words that aren't among them. ``masks``: run lengths of each detection's cells."""
 
     backend: str
     models: tuple[str, str, str]

@@ -8,8 +8,8 @@
 - ``objects``: the same without masks, and with depth in cells of 16 pixels a side, at likely objects alone. Nobody learns
   of free floor from it.
 
-In ``features`` and ``objects`` nobody but the camera itself can look at a view. Everything is decoded to a ``PosedView`` of the camera's full
-resolution (``packing.decode_frame``), so that nothing else knows of tiers.
+In ``features`` and ``objects`` nobody but the camera itself can look at a view. Everything is decoded to a ``PosedView`` of the
+camera's full resolution (``packing.decode_frame``), so that nothing else knows of tiers.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ _REDUCED: Final[dict[Tier, _Reduction]] = {
 
 @dataclass(frozen=True, slots=True)
 class EncodedView:
-    """A view as its payload, the parts of which the header names (see ``FrameHeader``). ``has_depth``: whether it may have any."""
+    """A view's payload and its parts, as in ``FrameHeader``. ``has_depth``: whether any pixel may have depth."""
 
     payload: bytes
     image: PayloadPart

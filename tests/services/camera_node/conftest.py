@@ -28,7 +28,7 @@ class Camera:
     views = [*VIEWS, NADIR]
     intrinsics = Pinhole.from_hfov(SIDE, SIDE, math.radians(100.0))
     depth_range_m = (0.3, 10.0)
-    tier = "jpeg+depth"
+    has_depth = True
     stream = StreamStatus()
 
     def __init__(self, real=False, scene=""):

@@ -116,7 +116,7 @@ def test_what_a_camera_puts_holds_nothing_of_its_zones(camera_node, make_node, c
     hidden = pixels_in([ZONE], SIDE, SIDE)
     service = CameraService(camera_node, building, camera_settings)
     frames, truths = client.latest(CAMERA_FRAME, **PLACE, view=3), client.latest(TRUTH, source="camera-c1", view=3)
-    until(lambda: service._frames[3].matched and service._truths[3].matched)
+    until(lambda: service._sender._frames[3].matched and service._sender._truths[3].matched)
     service.step()
     frame = until(frames.poll)
     view = decode_frame(frame.message, frame.payload)

@@ -26,7 +26,7 @@ def client(make_node):
 
 
 def listened(service, view):
-    return until(lambda: service._frames[view].matched)
+    return until(lambda: service._sender._frames[view].matched)
 
 
 def test_a_view_is_put_once_a_version_and_only_to_listeners(camera_node, client, make_camera):
@@ -89,7 +89,7 @@ def test_a_simulator_tells_what_each_pixel_shows_before_the_frame_to_who_listens
     truths = client.latest(TRUTH, source="camera-c1", view=3)
     frames = client.latest(CAMERA_FRAME, **PLACE, view=3)
     listened(service, 3)
-    until(lambda: service._truths[3].matched)
+    until(lambda: service._sender._truths[3].matched)
     service.step()
     frame, told = until(frames.poll), until(truths.poll)
     assert (told.message.source, told.message.view, told.message.seq) == ("camera/c1", 3, frame.message.seq)
@@ -104,7 +104,7 @@ def test_a_real_camera_tells_no_truth_even_to_who_listens(camera_node, client, m
     truths = client.latest(TRUTH, source="camera-c1", view=3)
     frames = client.latest(CAMERA_FRAME, **PLACE, view=3)
     listened(service, 3)
-    until(lambda: service._truths[3].matched)
+    until(lambda: service._sender._truths[3].matched)
     service.step()
     until(frames.poll)
     assert truths.poll() is None
@@ -124,7 +124,7 @@ def test_the_truth_of_a_picture_that_changed_meanwhile_is_not_told_of_the_old_on
     truths = client.latest(TRUTH, source="camera-c1", view=3)
     frames = client.latest(CAMERA_FRAME, **PLACE, view=3)
     listened(service, 3)
-    until(lambda: service._truths[3].matched)
+    until(lambda: service._sender._truths[3].matched)
     service.step()
     assert until(frames.poll).message.seq == 1
     time.sleep(0.2)

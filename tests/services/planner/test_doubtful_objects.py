@@ -12,7 +12,11 @@ import pytest
 
 from surveilnav.geometry import Grid
 from surveilnav.services.planner.core import FloorMaps, FloorMemory, MissionState, PlannerConfig, RobotView
-from surveilnav.services.planner.core.behaviours.approach_object import _Approach, _look_from_elsewhere, _region_elsewhere
+from surveilnav.services.planner.core.behaviours.approach_object import (
+    _Approach,
+    _look_from_elsewhere,
+    _region_elsewhere,
+)
 from surveilnav.services.planner.core.choice import choose
 from surveilnav.services.planner.core.context import StepContext
 from surveilnav.services.planner.core.goals.objects import candidates

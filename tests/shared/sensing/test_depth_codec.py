@@ -29,8 +29,8 @@ def back(depth_m: np.ndarray, divisor: int, quantum_per_m: float = 0.001) -> np.
     st.integers(3, 12),
 )
 def test_a_plane_comes_back_within_its_rounding(inverse, across, down, divisor, rows, cols):
-    """A plane's inverse depth is affine in the pixel. The median of a cell is off by up to half a pixel's slope, and its rounding by
-    half a quantum; interpolating adds nothing, continuing at the edge of the picture up to twice as much."""
+    """A plane's inverse depth is affine in the pixel. The median of a cell is off by up to half a pixel's slope, and its rounding
+    by half a quantum; interpolating adds nothing, continuing at the edge of the picture up to twice as much."""
     v, u = np.mgrid[: rows * divisor, : cols * divisor]
     truth = inverse + across * u + down * v
     truth = np.clip(truth, 1 / RANGE_M[1], 1 / RANGE_M[0])
@@ -44,7 +44,8 @@ def test_nothing_is_interpolated_across_an_edge():
     depth_m = np.full((64, 64), 4.0, np.float32)
     depth_m[:, 32:] = 1.0
     found = back(depth_m, 8)
-    assert np.allclose(found[:, :32], 4.0, atol=0.02) and np.allclose(found[:, 32:], 1.0, atol=0.02)
+    assert np.allclose(found[:, :32], 4.0, atol=0.02)
+    assert np.allclose(found[:, 32:], 1.0, atol=0.02)
 
 
 def test_an_edge_within_a_cell_falls_to_the_larger_side():

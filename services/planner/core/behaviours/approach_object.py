@@ -67,7 +67,11 @@ def _region_elsewhere(context: StepContext, record: ObjectRecord) -> GoalRegion 
     """
     looked_from = tuple(context.state.here.looked_from.get(record.id, ()))
     is_accepted = record.id == context.state.here.accepted_object
-    if is_accepted or context.config.verification == "paper" or not 0 < len(looked_from) < context.config.max_look_places:
+    if (
+        is_accepted
+        or context.config.verification == "paper"
+        or not 0 < len(looked_from) < context.config.max_look_places
+    ):
         return None
     return context.reach.goal_region(record, looked_from)
 
@@ -147,8 +151,8 @@ def _look_and_decide(approach: _Approach) -> Decision | None:
 def _look_from_elsewhere(approach: _Approach) -> Decision | None:
     """Goes to another place near an object that the robot didn't see, or that isn't sure to be something else.
 
-    None: nothing is left to be doubted, it looked from enough places, no way leads to another, or it is too long. An object that is
-    accepted as a last resort isn't doubted.
+    None: nothing is left to be doubted, it looked from enough places, no way leads to another, or it is too long. An object
+    that is accepted as a last resort isn't doubted.
     """
     context, record = approach.context, approach.record
     memory, robot, config = context.state.here, context.robot, context.config

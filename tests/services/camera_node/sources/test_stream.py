@@ -171,7 +171,7 @@ def test_depth_is_estimated_but_not_in_zones_and_not_where_it_is_unsure(start) -
     source = start([streams.room(1)], network=network, zones=[[(0, 0), (0.25, 0), (0.25, 1), (0, 1)]])
     until(lambda: source.version(0))
     picture = source.latest(0)
-    assert (source.tier, picture.depth_source) == ("jpeg+depth", "network")
+    assert (source.has_depth, picture.depth_source) == (True, "network")
     assert picture.depth_uncertainty.sigma == pytest.approx(0.1)
     assert (picture.depth_m[:, 85:160] == 2.0).all()
     assert not picture.depth_m[:, :80].any()

@@ -1,0 +1,89 @@
+"""A camera's budget of bytes, and how much of which view it sends from it.
+
+The budget is a token bucket: it fills at the budget's rate up to two seconds' worth, and every frame takes its bytes out. A frame
+may be sent as soon as the bucket isn't empty, whatever its size; then the camera waits until its debt is paid. So over any time
+a camera sends what its budget allows, and at most one frame and two seconds' worth more, and no frame is too large to be sent.
+
+With the tier ``auto`` a view is sent as ``features``; as ``objects`` if the features of all waiting views would take longer than
+``_PATIENCE_S``, and as features after all once nothing else waits; and as ``jpeg+depth`` if somebody has asked for the pictures.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
+
+from surveilnav.messages import Tier, TierChoice
+
+_BURST_S = 2.0
+_PATIENCE_S = 5.0
+#: Bytes of a view as ``features``, before the camera has sent any.
+_TYPICAL_FEATURES_BYTES = 9_000
+_RANK: dict[Tier, int] = {"objects": 0, "features": 1, "jpeg": 2, "jpeg+depth": 3, "raw": 4}
+
+
+@dataclass(frozen=True, slots=True)
+class TokenBucket:
+    """``level_bytes`` may be sent at ``at_s``; less than 0: so much is owed."""
+
+    rate_bytes_s: float
+    level_bytes: float
+    at_s: float
+
+    @classmethod
+    def full(cls, rate_bytes_s: float, now_s: float) -> TokenBucket:
+        return cls(rate_bytes_s, rate_bytes_s * _BURST_S, now_s)
+
+    def at(self, now_s: float) -> TokenBucket:
+        """The bucket at a later time. A clock that went back fills nothing."""
+        gained = max(0.0, now_s - self.at_s) * self.rate_bytes_s
+        return replace(self, level_bytes=min(self.level_bytes + gained, self.rate_bytes_s * _BURST_S), at_s=now_s)
+
+    def without(self, n_bytes: int) -> TokenBucket:
+        """The bucket after a frame of ``n_bytes`` was sent."""
+        return replace(self, level_bytes=self.level_bytes - n_bytes)
+
+    @property
+    def allows(self) -> bool:
+        """Whether a frame may be sent."""
+        return self.level_bytes > 0.0
+
+
+def tier_of(
+    choice: TierChoice,
+    view: int,
+    *,
+    whole: Collection[int],
+    n_waiting: int,
+    bucket: TokenBucket | None,
+    mean_bytes: float,
+) -> Tier:
+    """The tier in which a view is sent now.
+
+    Args:
+        choice: the camera's setting.
+        whole: views of which somebody has asked for the pictures.
+        n_waiting: how many views wait that nobody has yet.
+        bucket: the budget; None: there is none.
+        mean_bytes: of the views that were sent as ``features``; 0: none was yet.
+    """
+    if view in whole and choice in ("auto", "features", "objects"):
+        return "jpeg+depth"
+    if choice != "auto":
+        return choice
+    if bucket is None:
+        return "features"
+    needed_bytes = n_waiting * (mean_bytes or _TYPICAL_FEATURES_BYTES)
+    return "features" if needed_bytes <= max(bucket.level_bytes, 0.0) + _PATIENCE_S * bucket.rate_bytes_s else "objects"
+
+
+def views_to_improve(
+    choice: TierChoice, sent: Mapping[int, Tier], whole: Collection[int], bucket: TokenBucket | None
+) -> tuple[int, ...]:
+    """Views that were sent in a lower tier than they should be, while nothing else waits: the lowest first."""
+    if bucket is not None and not bucket.allows:
+        return ()
+    lower = [v for v, tier in sent.items() if v in whole and _RANK[tier] < _RANK["jpeg+depth"]]
+    if choice == "auto":
+        lower += [v for v, tier in sent.items() if tier == "objects" and v not in whole]
+    return tuple(sorted(lower, key=lambda v: (v not in whole, _RANK[sent[v]], v)))
