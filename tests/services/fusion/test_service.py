@@ -26,6 +26,7 @@ from surveilnav.messages import (
     CameraViewInfo,
     FrameHeader,
     InferReply,
+    ModelIds,
     Observation,
     RemoveFromMaps,
     RobotFrameProblem,
@@ -42,6 +43,7 @@ from surveilnav.sensing.packing import (
     unpack_embedding,
 )
 from surveilnav.sensing.replies import perception_from_wire, perception_to_wire
+from surveilnav.sensing.tiers import Seen, encode_view
 from surveilnav.sensing.views import DetectedObject, ViewPerception
 from surveilnav.services.fusion.config import FusionSettings
 from surveilnav.services.fusion.core import FusionConfig, JointMap
@@ -66,9 +68,7 @@ def header_of(view, kind=FrameHeader, **more):
         T_world_camera=Pose.from_matrix(view.T_world_camera),
         mounting_offset_m=view.mounting_offset_m,
         depth_range_m=RANGE_M,
-        image=image,
-        depth=depth,
-        **more,
+        **{"image": image, "depth": depth} | more,
     )
     return header, payload
 
@@ -110,6 +110,7 @@ class Camera:
         ]
         self.frames = [node.publisher(contract.CAMERA_FRAME, floor=floor, camera=name, view=i) for i in range(n_views)]
         self.asked: list[list[int]] = []
+        self.pictures: list[list[int]] = []
         self.encoded: dict = {}
         self.paused = False
         place = {"floor": floor, "camera": name}
@@ -142,7 +143,7 @@ class Camera:
     def _on_request(self, request) -> Answer:
         if self.paused:
             raise Refused("paused", "a person has paused it")
-        self.asked.append(list(request.message.views))
+        (self.pictures if request.message.pictures else self.asked).append(list(request.message.views))
         for view in request.message.views:
             self.send(view)
         return Answer(Ack(stamp_ns=clock_ns()))
@@ -152,7 +153,7 @@ class Worker:
     """Sees a chair in the middle of every picture."""
 
     def __init__(self, node: Node) -> None:
-        self.node, self.seen, self.texts, self.refuse = node, [], [], ""
+        self.node, self.seen, self.texts, self.refuse, self.open_vocabulary = node, [], [], "", False
         self._load = node.publisher(contract.PERCEPTION_LOAD, worker="w")
         node.serve(contract.PERCEPTION_LOAD, lambda _: Answer(self._state()), worker="w")
         node.serve(contract.PERCEPTION_INFER, self._infer, worker="w")
@@ -164,7 +165,16 @@ class Worker:
             self._load.put(self._state())
 
     def _state(self) -> WorkerLoad:
-        return WorkerLoad(stamp_ns=clock_ns(), worker="w", backend="fake", why="", queued=0, capacity=4, latency_ms=1.0)
+        return WorkerLoad(
+            stamp_ns=clock_ns(),
+            worker="w",
+            backend="fake",
+            why="",
+            queued=0,
+            capacity=4,
+            latency_ms=1.0,
+            open_vocabulary=self.open_vocabulary,
+        )
 
     def _infer(self, request) -> Answer:
         m = request.message
@@ -301,6 +311,45 @@ def test_only_the_cameras_of_the_robots_floor_are_invoked_and_asked_once(scene):
     scene.robot.observe(floor="1", floor_z=2.8)  # the robot goes upstairs
     until(lambda: upstairs.invoked and not here.invoked)
     until(lambda: (r := scene.revision()) and not r.cameras and not r.robots)
+
+
+def seen_by_camera(view, words=("chair", "tv")):
+    """A frame of a camera that looks by itself, and sees a chair in the middle of every picture."""
+    look = np.eye(4, dtype=np.float32)
+    chair = DetectedObject("chair", 0.8, (60.0, 60.0, 100.0, 110.0), None, look[0])
+    seen = Seen(ViewPerception("its own", (chair,), look[1], "", words), ModelIds())
+    encoded = encode_view("features", view.rgb, view.depth_m, view.camera, depth_range_m=RANGE_M, seen=seen)
+    header, _ = header_of(view, image=encoded.image, depth=encoded.depth, tier="features", perceived=encoded.perceived)
+    return header, encoded.payload
+
+
+def test_what_a_camera_sees_itself_goes_into_the_maps_without_asking_perception(scene):
+    worker, camera = scene.worker(), scene.camera()
+    camera.encoded = {v: seen_by_camera(camera.views[v]) for v in (0, 1)}
+    scene.start()
+    scene.robot.observe()
+    until(lambda: camera.invoked)
+    camera.send(0)
+    until(lambda: any(c.views_processed for c in scene.revision().cameras))
+    assert [s for s in worker.seen if s[0].startswith("camera/")] == []
+    found = scene.client.ask(contract.OBJECTS, floor="0").message.objects
+    assert any("camera/c" in {h.source for h in o.history} for o in found)
+
+
+def test_pictures_are_wanted_of_a_camera_that_didnt_look_for_what_is_searched(scene):
+    worker, camera = scene.worker(), scene.camera()
+    worker.open_vocabulary = True
+    camera.encoded = {v: seen_by_camera(camera.views[v]) for v in (0, 1)}
+    scene.start(prompts=["ladder"])
+    scene.robot.observe()
+    until(lambda: camera.invoked)
+    camera.send(0)
+    camera.send(1)
+    until(lambda: {0, 1} <= {v for views in camera.pictures for v in views})
+    camera.encoded = {}
+    camera.send(0)
+    camera.send(1)
+    until(lambda: {("camera/c", 0, 0), ("camera/c", 1, 0)} <= set(worker.seen))
 
 
 def test_surveillance_can_be_switched_off(scene):

@@ -1,0 +1,162 @@
+"""A camera's tiers over real Zenoh: what its frames hold, its budget, and what happens when it can't look by itself."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+
+from surveilnav.contract import CAMERA_FRAME, CAMERA_INFO, CAMERA_REQUEST
+from surveilnav.errors import ConfigError, PerceptionError
+from surveilnav.messages import CameraRequest, ModelIds
+from surveilnav.perception.backend import Backend
+from surveilnav.sensing.packing import decode_frame
+from surveilnav.sensing.perceived import perceived_reply
+from surveilnav.sensing.views import DetectedObject, ViewPerception
+from surveilnav.services.camera_node.config import CameraSettings
+from surveilnav.services.camera_node.service import CameraService
+from tests.waiting import patient, until
+
+PLACE = {"floor": "0", "camera": "c1"}
+UNIT = np.eye(8, dtype=np.float32)
+
+
+class Looking(Backend):
+    """Sees a bed everywhere; ``fails`` so many times before."""
+
+    name, needs_truth, models = "looking", False, ModelIds(embedder="a space")
+
+    def __init__(self, fails: int = 0) -> None:
+        self.looks, self.fails = [], fails
+
+    @property
+    def stages(self):
+        raise NotImplementedError
+
+    def embed_texts(self, texts):
+        raise NotImplementedError
+
+    def perceive(self, rgb, depth_m, camera, *, prompts=(), truth=None, key=()):
+        assert truth is None
+        self.looks.append(key[1])
+        if len(self.looks) <= self.fails:
+            raise PerceptionError("out of sorts")
+        bed = DetectedObject("bed", 0.9, (8.0, 8.0, 40.0, 40.0), None, UNIT[0], 0.9)
+        return ViewPerception("looking", (bed,), UNIT[1], "a space", ("bed", "tv"))
+
+
+@pytest.fixture
+def client(make_node):
+    return patient(make_node("test", "t", alive=False))
+
+
+@pytest.fixture
+def start(camera_node, client, make_camera):
+    """``start(backend, **settings)``: a camera service to whose first views somebody listens, and the slots of these."""
+
+    def start(backend, views=(3,), **settings):
+        service = CameraService(
+            camera_node, make_camera(), CameraSettings(perception="compact", **settings), lambda: backend
+        )
+        slots = {v: client.latest(CAMERA_FRAME, **PLACE, view=v) for v in views}
+        until(lambda: all(service._sender._frames[v].matched for v in views))
+        return service, slots
+
+    return start
+
+
+def test_features_say_what_the_camera_saw(start):
+    service, slots = start(Looking(), tier="features")
+    assert service.step()
+    frame = until(slots[3].poll)
+    assert frame.message.tier == "features"
+    reply = perceived_reply(frame.message, frame.payload)
+    assert (reply.seq, reply.models.embedder, [d.label for d in reply.detections]) == (1, "a space", ["bed"])
+    assert decode_frame(frame.message, frame.payload).depth_m == pytest.approx(2.0, abs=0.02)
+    assert not service.step()
+
+
+def test_a_view_from_above_isnt_looked_at(start):
+    backend = Looking()
+    service, slots = start(backend, views=(12,), tier="features")
+    service.step()
+    frame = until(slots[12].poll)
+    assert (frame.message.tier, frame.message.perceived) == ("features", None)
+    assert backend.looks == []
+
+
+def test_whoever_wants_the_pictures_gets_them_as_long_as_it_listens(start, client):
+    service, slots = start(Looking(), tier="features")
+    service.step()
+    until(slots[3].poll)
+    request = CameraRequest(stamp_ns=1, action="resend", views=[3], pictures=True)
+    client.ask(CAMERA_REQUEST, request, **PLACE)
+    assert service.step()
+    whole = until(slots[3].poll)
+    assert (whole.message.tier, whole.message.seq, whole.message.perceived) == ("jpeg+depth", 2, None)
+    assert decode_frame(whole.message, whole.payload).rgb.shape == (64, 64, 3)
+    assert not service.step()
+    slots[3].close()
+    until(lambda: not service._sender._frames[3].matched)
+    service.step()
+    again = client.latest(CAMERA_FRAME, **PLACE, view=3)
+    until(lambda: service._sender._frames[3].matched)
+    service.step()
+    assert until(again.poll).message.tier == "features"
+
+
+def test_a_camera_that_cant_look_by_itself_sends_pictures(start, camera_node):
+    service, slots = start(Looking(fails=99), tier="features")
+    service.step()
+    assert until(slots[3].poll).message.tier == "jpeg+depth"
+    assert camera_node.traffic.rejected() == {"own perception": 1}
+
+
+def test_a_tier_without_the_perception_that_it_needs_is_refused(camera_node, make_camera):
+    for tier in ("features", "objects", "auto"):
+        with pytest.raises(ConfigError, match="SURVEILNAV_CAMERA__PERCEPTION"):
+            CameraService(camera_node, make_camera(), CameraSettings(tier=tier))
+
+
+@pytest.mark.parametrize("budget", [0, -1, float("nan")])
+def test_a_budget_of_nothing_is_refused(budget):
+    with pytest.raises(ValueError, match="budget_kb_s"):
+        CameraSettings(budget_kb_s=budget)
+
+
+def test_a_small_budget_is_kept_and_nothing_is_lost(start):
+    """Five views of some 650 B at 1 kB/s: the burst is 2 kB, so the last one waits for its turn."""
+    service, slots = start(Looking(), views=range(5), tier="features", budget_kb_s=1.0)
+    began_s, got = time.monotonic(), {}
+
+    def received():
+        service.step()
+        for view, slot in slots.items():
+            if (frame := slot.poll()) is not None:
+                got[view] = len(frame.payload)
+        return len(got) == 5
+
+    until(received)
+    took_s, total = time.monotonic() - began_s, sum(got.values())
+    assert total > 2000, "the budget isn't what is tested here"
+    assert total <= 2000 + 1000 * took_s + max(got.values())
+
+
+def test_auto_sends_objects_first_and_features_when_nothing_waits(start, client):
+    """Six views of 9 kB would take longer than the 14 kB of the burst and 35 kB in five seconds."""
+    seen = {v: [] for v in range(6)}
+    client.subscribe(CAMERA_FRAME, lambda frame: seen[frame.message.view].append(frame.message.tier))
+    service, _ = start(Looking(), views=range(6), tier="auto", budget_kb_s=7.0)
+
+    def settled():
+        service.step()
+        return all(tiers and tiers[-1] == "features" for tiers in seen.values())
+
+    until(settled)
+    assert seen[0] == ["objects", "features"]
+
+
+def test_people_are_told_the_tier(start, client):
+    start(Looking(), tier="auto")
+    assert client.ask(CAMERA_INFO, **PLACE).message.tier == "auto"
