@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from random import Random
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, get_args
 from unittest.mock import patch
 
 import msgspec
@@ -20,12 +20,16 @@ from surveilnav.messages import (
     CameraViewInfo,
     FrameHeader,
     InferReply,
+    ModelIds,
     Observation,
     RobotStatus,
+    Tier,
     WorkerLoad,
 )
-from surveilnav.sensing.packing import encode_rgbd, pack_embedding
-from surveilnav.sensing.replies import perception_to_wire
+from surveilnav.sensing.packing import decode_frame, pack_embedding
+from surveilnav.sensing.perceived import perceived_reply
+from surveilnav.sensing.replies import perception_from_wire, perception_to_wire
+from surveilnav.sensing.tiers import Seen, encode_view
 from surveilnav.sensing.views import DetectedObject, ViewPerception
 from surveilnav.services.fusion.config import FusionSettings
 from surveilnav.services.fusion.core.snapshot import digest, dump, freeze
@@ -40,6 +44,8 @@ from tests.fuzz.values import Values
 LENS = Pinhole.from_hfov(32, 24, math.radians(79))
 RANGE_M = (0.1, 10.0)
 _EMBEDDING = np.eye(8, dtype=np.float32)[0]
+_TV = DetectedObject("tv", 0.9, (10.0, 8.0, 22.0, 18.0), np.ones((10, 12), np.bool_), _EMBEDDING, 0.8)
+_SEEN = Seen(ViewPerception("test", (_TV,), _EMBEDDING, "e1", ("tv", "bed")), ModelIds(embedder="e1"))
 #: Small maps of large cells, so that they are quickly compared.
 _SMALL = {"extent_m": 6.0, "max_extent_m": 40.0, "resolution_m": 0.25, "voxel_m": 0.2}
 #: The maps are compared before and after this share of views.
@@ -59,8 +65,9 @@ def picture(random: Random) -> tuple[np.ndarray, np.ndarray]:
 
 def view_message(random: Random, source: str, seq: int) -> tuple[FrameHeader, bytes]:
     """A picture of a robot or a camera, as it travels."""
-    payload, image, depth = encode_rgbd(*picture(random), depth_range_m=RANGE_M)
     is_robot = source.startswith("robot/")
+    tier: Tier = "jpeg+depth" if is_robot else random.choice(get_args(Tier))
+    encoded = encode_view(tier, *picture(random), LENS, depth_range_m=RANGE_M, seen=_SEEN)
     height_m = 0.88 if is_robot else 2.4
     x_m, y_m, yaw = 2.0 + 0.01 * (seq % 50), 2.0, random.uniform(-3, 3)
     T = camera_pose((x_m, y_m, height_m), yaw, 0.0 if is_robot else -0.5)
@@ -74,9 +81,12 @@ def view_message(random: Random, source: str, seq: int) -> tuple[FrameHeader, by
         "camera": LENS,
         "mounting_offset_m": height_m,
         "depth_range_m": RANGE_M,
-        "image": image,
-        "depth": depth,
+        "image": encoded.image,
+        "depth": encoded.depth,
+        "tier": tier,
+        "perceived": encoded.perceived,
     }
+    payload = encoded.payload
     if is_robot:
         return Observation(**fields, T_world_base=Pose.from_matrix(base_pose((x_m, y_m, 0.0), yaw))), payload
     fields["depth_source"] = random.choice(("sensor", "sensor", "network", "none"))
@@ -85,9 +95,7 @@ def view_message(random: Random, source: str, seq: int) -> tuple[FrameHeader, by
 
 def reply_to(header: FrameHeader) -> InferReply:
     """What a worker would answer about a view."""
-    mask = np.ones((10, 12), np.bool_)
-    found = DetectedObject("tv", 0.9, (10.0, 8.0, 22.0, 18.0), mask, _EMBEDDING, 0.8)
-    detections, image = perception_to_wire(ViewPerception("test", (found,), _EMBEDDING, "e1"))
+    detections, image = perception_to_wire(_SEEN.perception)
     return InferReply(
         stamp_ns=clock_ns(),
         worker="w1",
@@ -167,6 +175,28 @@ def plain(message: msgspec.Struct) -> Any:
     return msgspec.to_builtins(message, builtin_types=(bytes,))
 
 
+class Frames(Target):
+    """Frames of all tiers whose payloads were tampered with, decoded."""
+
+    name, share = "frames", 20
+
+    def input(self, values: Values) -> tuple[FrameHeader, bytes]:
+        header, payload = view_message(values.random, "camera/c1", 1)
+        spoilt = bytearray(payload)
+        for _ in range(values.random.randrange(1, 4)):
+            spoilt[values.random.randrange(len(spoilt))] = values.random.randrange(256)
+        cut = values.random.choice((0, 0, 0, 1, values.random.randrange(len(spoilt))))
+        return header, bytes(spoilt[: len(spoilt) - cut])
+
+    def process(self, data: Any, values: Values) -> None:
+        header, payload = data
+        view = decode_frame(header, payload)
+        depth_m, (near_m, far_m) = view.depth_m[view.depth_m != 0], RANGE_M
+        assert ((depth_m > 0.99 * near_m) & (depth_m < 1.01 * far_m)).all(), "a depth out of the sensor's range"
+        if (reply := perceived_reply(header, payload)) is not None:
+            perception_from_wire(reply, header.camera)
+
+
 class Views(Target):
     """Pictures and perception's answers about them, into the maps."""
 
@@ -183,9 +213,10 @@ class Views(Target):
         payload = values.bytes_like(payload)
         if values.is_odd():  # with a header that says how long its parts now are
             n_image = min(header.image.n_bytes, len(payload) - 1)
-            frame["image"], frame["depth"] = (
+            frame["image"], frame["depth"], frame["perceived"] = (
                 {"encoding": "jpeg", "n_bytes": n_image},
                 {"encoding": "depth-invq-zstd", "n_bytes": len(payload) - n_image},
+                None,
             )
         ids = {"robot": kind[2]} if kind[0] == "robot" else {"floor": "0", "camera": kind[2], "view": str(header.view)}
         stream = contract.ROBOT_OBSERVATION if kind[0] == "robot" else contract.CAMERA_FRAME

@@ -9,6 +9,7 @@ from tests.fuzz.target import Target
 def all_targets() -> list[Target]:
     """A new instance of each."""
     return [
+        maps.Frames(),
         maps.Views(maps.Fusion()),
         maps.FusionTables(),
         maps.FusionQueries(),

@@ -1,9 +1,10 @@
 """Depth as bytes: ``depth-invq-zstd``, of every pixel or of cells of several pixels.
 
 Inverse depth in steps of ``quantum_per_m`` (uint16; 0: none), as the difference to the left neighbour (in the first column: to
-the pixel above), folded to an unsigned number (zigzag); all low bytes, then all high bytes; zstd. A step q in 1/z is q·z² in z,
-which grows with distance as the noise of structured-light and stereo sensors does (Nguyen, Izadi & Lovell 2012: sigma = 1.2 mm +
-1.9 mm/m² · (z - 0.4 m)²). The largest error of a pixel is half a step, q·z²/2:
+the pixel above), folded to an unsigned number (zigzag); all low bytes, then all high bytes; zstd, with its checksum, so that
+damaged depth is refused. A step q in 1/z is q·z² in z, which grows with distance as the noise of structured-light and stereo
+sensors does (Nguyen, Izadi & Lovell 2012: sigma = 1.2 mm + 1.9 mm/m² · (z - 0.4 m)²). The largest error of a pixel is half a
+step, q·z²/2:
 
     z [m]                            0.5    1     2     3     5     10
     sensor's sigma [mm]              1.2    1.9   6.1   14    41    176
@@ -30,7 +31,7 @@ from surveilnav.sensing.limits import check_pixels, unzstd
 
 DEPTH_QUANTUM_PER_M: Final = 0.001
 #: Neighbouring cells continue one another if their steps differ by no more than this many quanta from those beside them.
-_SMOOTH_QUANTA = 2.5
+_SMOOTH_QUANTA = 3.0
 _MAX_DIVISOR = 64
 
 
@@ -62,7 +63,7 @@ def encode_depth(
     signed = delta.view(np.int16)
     folded = ((signed << 1) ^ (signed >> 15)).view(np.uint16)
     level = 1 if divisor == 1 else 19  # small pictures are quick even so
-    return zstandard.ZstdCompressor(level=level).compress(to_byte_planes(folded))
+    return zstandard.ZstdCompressor(level=level, write_checksum=True).compress(to_byte_planes(folded))
 
 
 def decode_depth(

@@ -65,7 +65,7 @@ def perceived_to_bytes(
         np.rint(scaled * _EMBEDDING_STEPS).astype(np.int8).tobytes(),
         [_packed_mask(d, camera, divisor) if masks else [] for d in found],
     )
-    return zstandard.ZstdCompressor(level=19).compress(msgspec.msgpack.encode(packed))
+    return zstandard.ZstdCompressor(level=19, write_checksum=True).compress(msgspec.msgpack.encode(packed))
 
 
 def perceived_reply(header: FrameHeader, payload: bytes) -> InferReply | None:

@@ -254,3 +254,21 @@ def test_mutated_payloads_give_a_view_or_a_wire_error(tier, data):
             perception_from_wire(reply, CAMERA)
     except WireError:
         pass
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.sampled_from(TIERS), st.data())
+def test_damaged_depth_and_perception_are_never_taken(tier, data):
+    """Colours may come through a damaged picture; geometry and objects never: a damaged part is refused, or means the same."""
+    header, payload = encoded(tier)
+    true = decode_frame(header, payload)
+    damaged = bytearray(payload)
+    at = data.draw(st.integers(header.image.n_bytes, len(damaged) - 1))
+    damaged[at] ^= data.draw(st.integers(1, 255))
+    try:
+        view = decode_frame(header, bytes(damaged))
+        reply = perceived_reply(header, bytes(damaged))
+    except WireError:
+        return
+    np.testing.assert_array_equal(view.depth_m, true.depth_m)
+    assert reply == perceived_reply(header, payload)
