@@ -46,6 +46,7 @@ SHAPES: dict[str, str] = {
     "objects": "items: `Object`",
     "map": "`Layer`",
     "traffic": "`Traffic`; with `--mission` `MissionTraffic`",
+    "traffic plan": "by link (`camera`, `robot`, `server`): `mission_bytes`, `hour_bytes`, `hour_low_bytes`, `hour_high_bytes`",
     "robots": "items: `Robot`",
     "robots remove": "`Removal`, when it has ended",
     "robots check": "`checks`: `part`, `ok`, `message` each",

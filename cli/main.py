@@ -68,13 +68,13 @@ app.command(rich_help_panel=_RUNNING)(missions.find)
 app.add_typer(missions.app, name="missions", rich_help_panel=_RUNNING)
 app.add_typer(cameras.app, name="cameras", rich_help_panel=_RUNNING)
 app.add_typer(robots.app, name="robots", rich_help_panel=_RUNNING)
+app.add_typer(traffic.app, name="traffic", rich_help_panel=_RUNNING)
 for _command in (
     where.where,
     status.status,
     watch.watch,
     objects.objects,
     map.map_,
-    traffic.traffic,
     robots.stop,
     robots.release,
     backup.backup,

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from surveilnav.cli import traffic_plan
 from surveilnav.cli.completing import known
 from surveilnav.cli.listing import Cell, Column, facts, listing
-from surveilnav.cli.options import DEFAULT_URL, AsJson, Url, gateway, print_result, results
+from surveilnav.cli.options import DEFAULT_URL, AsJson, Url, gateway, only_before_nothing, print_result, results
 from surveilnav.cli.words import duration, human_bytes
 
 #: Clocks that are off by more than this are named.
@@ -26,7 +27,15 @@ if TYPE_CHECKING:
     from surveilnav.rest import MissionTraffic, SourceTraffic, Traffic
 
 
+app = typer.Typer(
+    invoke_without_command=True, help="Show what cameras and robots cost, and plan what a building will need."
+)
+app.command("plan")(traffic_plan.plan)
+
+
+@app.callback()
 def traffic(
+    ctx: typer.Context,
     nodes: Annotated[bool, typer.Option("--nodes", help="Show every process of the system, too.")] = False,
     mission: Annotated[
         str, typer.Option(metavar="ID", help="Show instead what this mission has cost, and what it may come to.")
@@ -38,6 +47,9 @@ def traffic(
     as_json: AsJson = False,
 ) -> None:
     """Show how many bytes each camera and robot offered, how many were delivered, and how many went over the wire."""
+    only_before_nothing(ctx)
+    if ctx.invoked_subcommand:
+        return
     with gateway(url) as asked:
         if mission:
             cost = asked.mission_traffic(known(asked, "mission", mission))

@@ -56,6 +56,7 @@ ON_FILES = {
 #: Every other command: its extra, and how it is typed.
 NEEDING = {
     "init": ("services", ["init", "x"]),
+    "traffic plan": ("services", ["traffic", "plan", "--cameras", "8"]),
     "demo": ("simulator", ["demo"]),
     "up": ("simulator", ["up"]),
     "prepare": ("simulator", ["prepare"]),
