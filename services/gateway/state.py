@@ -14,6 +14,7 @@ from surveilnav.rest import ROOT
 
 #: Streams whose messages are only published on change are queried again after this time.
 REFRESH_S = 5.0
+_COMPLETE_REFRESH_S = 60.0
 _KINDS = ("camera", "robot", "perception", "fusion", "planner", "recorder", "replay")
 
 
@@ -22,11 +23,12 @@ class LastKnown:
 
     The gateway misses a message that is only published on change if it was published before the gateway started, or by a node
     that the gateway hadn't noticed yet. So such streams, and those whose caller ``asks``, are also queried, every ``REFRESH_S``,
-    by the first caller after that time; its call blocks until the answers are there.
+    by the first caller after that time; its call blocks until the answers are there. With ``publishers``, the kind of node
+    that the stream comes from, this is done once a minute only while each node of that kind that is present has said something.
     """
 
-    def __init__(self, node: Node, stream: Stream, capacity: int = 20_000) -> None:
-        self._node, self._stream, self._capacity = node, stream, capacity
+    def __init__(self, node: Node, stream: Stream, capacity: int = 20_000, publishers: str = "") -> None:
+        self._node, self._stream, self._capacity, self._publishers = node, stream, capacity, publishers
         #: Called with every published message, on the bus's own thread.
         self.on_message: Callable[[Received[Any]], None] = lambda _: None
         self._table = node.table(stream, on_message=lambda row: self.on_message(row))
@@ -55,7 +57,7 @@ class LastKnown:
             return dict(self._answers)
 
     def _refresh(self) -> None:
-        if time.monotonic() - self._refreshed_s <= REFRESH_S:
+        if time.monotonic() - self._refreshed_s <= (_COMPLETE_REFRESH_S if self._is_complete() else REFRESH_S):
             return
         n_removals = self._n_removals
         answers = self._node.ask_all(self._stream, timeout_s=1.0)
@@ -66,6 +68,15 @@ class LastKnown:
                 if row.key in self._answers or len(self._answers) < self._capacity:
                     self._answers[row.key] = row
             self._refreshed_s = time.monotonic()
+
+    def _is_complete(self) -> bool:
+        """Whether every publisher that is present has said something."""
+        if not self._publishers:
+            return False
+        with self._lock:
+            known = {row.ids[self._publishers] for row in self._answers.values()}
+        known |= {row.ids[self._publishers] for row in self._table.rows()}
+        return self._node.alive(self._publishers) <= known
 
     def newest(self, field: str) -> dict[str, Received[Any]]:
         """The newest row for each id in ``field`` of the key, sorted by id. Messages that name another id are ignored."""
@@ -106,7 +117,7 @@ class BuildingState:
         self.missions = LastKnown(node, contract.MISSION_STATUS)
         self.plans = LastKnown(node, contract.MISSION_PLAN)
         self.judged = LastKnown(node, contract.JUDGED)
-        self.cameras = LastKnown(node, contract.CAMERA_INFO)
+        self.cameras = LastKnown(node, contract.CAMERA_INFO, publishers="camera")
         self.summaries = LastKnown(node, contract.CAMERA_SUMMARY)
         self.robots = LastKnown(node, contract.ROBOT_STATUS)
         self.loads = LastKnown(node, contract.PERCEPTION_LOAD)

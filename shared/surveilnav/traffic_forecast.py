@@ -147,8 +147,8 @@ def _of_hours(
 def _each_step(
     random: np.random.Generator, steps: NDArray[np.float64], bytes_of_step: tuple[float, float]
 ) -> NDArray[np.float64]:
-    of_step: NDArray[np.float64] = np.maximum(random.normal(*bytes_of_step, _DRAWS), 0.0)
-    return of_step * steps.sum(axis=1)
+    total: NDArray[np.float64] = np.maximum(random.normal(*bytes_of_step, _DRAWS), 0.0) * steps.sum(axis=1)
+    return total
 
 
 def _need(n_missions: NDArray[np.int64], per_mission: NDArray[np.float64], idle_bytes: float) -> Need:

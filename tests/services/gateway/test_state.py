@@ -5,6 +5,8 @@ from __future__ import annotations
 import threading
 from types import SimpleNamespace
 
+import pytest
+
 from surveilnav.contract import CAMERA_INFO
 from surveilnav.services.gateway import state
 from surveilnav.services.gateway.state import LastKnown
@@ -60,3 +62,17 @@ def test_what_was_dropped_meanwhile_doesnt_come_back_with_the_answer(monkeypatch
     assert known.rows() == []
     monkeypatch.setattr(state, "REFRESH_S", 0.0)
     assert list(known.newest("camera")) == ["c1", "c2"], "and is asked for anew"
+
+
+@pytest.mark.parametrize(("present", "n_queries"), [({"c1", "c2"}, 1), ({"c1", "c2", "c3"}, 3), (set(), 0)])
+def test_cameras_are_asked_again_only_while_one_of_them_has_said_nothing(monkeypatch, present, n_queries):
+    monkeypatch.setattr(state, "REFRESH_S", 0.0)
+    node, asked = FakeNode(), []
+    node.go.set()
+    node.alive = lambda kind: present if kind == "camera" else pytest.fail(kind)
+    answer = node.ask_all
+    node.ask_all = lambda *a, **k: asked.append(1) or answer(*a, **k)
+    known = LastKnown(node, CAMERA_INFO, publishers="camera")
+    for _ in range(3):
+        known.rows()
+    assert len(asked) == n_queries
