@@ -71,6 +71,12 @@ def run(
     density: Annotated[int, typer.Option(help="One camera for this many square metres of floor: 100 or 200.")] = 100,
     views: Annotated[str, typer.Option(help="Views of a camera: panoramic (360 degrees) or half (180).")] = "panoramic",
     camera_depth: CameraDepth = "sensor",
+    camera_tier: Annotated[
+        str,
+        typer.Option(
+            help="What cameras send: raw, jpeg+depth, jpeg, features or objects; needs --perception compact or onnx-coco."
+        ),
+    ] = "jpeg+depth",
     language_model: Annotated[
         str,
         typer.Option(
@@ -106,6 +112,7 @@ def run(
         density_m2=density,
         views=views,  # type: ignore[arg-type]
         camera_depth=camera_depth,  # type: ignore[arg-type]
+        camera_tier=camera_tier,  # type: ignore[arg-type]
         language_model=language_model,
         max_steps=max_steps,
         seed=seed,

@@ -15,7 +15,7 @@ from surveilnav.perception.names import BackendName
 class CameraSettings(BaseSettings):
     """One surveillance camera."""
 
-    model_config = SettingsConfigDict(env_prefix="SURVEILNAV_CAMERA__", extra="ignore")
+    model_config = SettingsConfigDict(env_prefix="SURVEILNAV_CAMERA__", extra="ignore", env_ignore_empty=True)
 
     file: str = Field(
         "", description="the file of real cameras (cameras.yaml); empty: a camera of the simulated building"

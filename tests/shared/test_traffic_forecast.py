@@ -12,7 +12,7 @@ from surveilnav.messages import Tier
 from surveilnav.traffic_forecast import Plan, TrafficCosts, forecast, measured_costs
 
 SURE = TrafficCosts(
-    view_bytes={tier: (1000.0, 0.0) for tier in get_args(Tier)},
+    view_bytes=dict.fromkeys(get_args(Tier), (1000.0, 0.0)),
     building_share=0.0,
     robot_step_bytes=(50.0, 0.0),
     server_step_bytes=(20.0, 0.0),
@@ -24,7 +24,7 @@ PLAN = Plan(cameras=10, views=4, tier="features", missions_per_hour=6.0, cameras
 
 
 def test_without_chance_it_is_a_sum():
-    """Five cameras with four views of 1 kB; 100 steps of 50 and 20 B; and an hour of waiting. Only the number of missions varies."""
+    """Five cameras with four views of 1 kB; 100 steps of 50 and 20 B; an hour of waiting. Only the number of missions varies."""
     need = forecast(PLAN, SURE)
     assert need["camera"].mission_bytes == pytest.approx(20_000)
     assert need["robot"].mission_bytes == pytest.approx(5000, rel=1e-4)

@@ -318,3 +318,11 @@ def test_a_run_that_asks_a_language_model_says_what_it_cost(dataset, tmp_path, s
     assert len(server.asked) == n
     assert again.cost.asked == n
     assert again.cost.cached >= n
+
+
+def test_a_tier_needs_pictures_and_has_to_exist():
+    with pytest.raises(ConfigError, match="leave camera_tier"):
+        RunSettings(camera_tier="features").check()
+    with pytest.raises(ConfigError, match="camera_tier is one of raw, jpeg"):
+        RunSettings(camera_tier="auto", perception="compact").check()
+    RunSettings(camera_tier="features", perception="compact").check()
