@@ -22,7 +22,7 @@ from surveilnav.services.gateway.removals import Removals
 from surveilnav.services.gateway.robots import Robots
 from surveilnav.services.gateway.state import BuildingState
 from surveilnav.services.gateway.stream_sources import BuildingEvents
-from surveilnav.services.gateway.traffic import MissionTrafficMeter
+from surveilnav.services.gateway.traffic import TrafficMeter
 
 #: How often everything is compared. Changes of missions are noticed at once, from their messages.
 _COMPARE_PERIOD_S = 0.5
@@ -48,7 +48,7 @@ class ChangeDetector:
         objects: Objects,
         removals: Removals,
         events: BuildingEvents,
-        meter: MissionTrafficMeter,
+        meter: TrafficMeter,
     ) -> None:
         self._state, self._node = state, state.node
         self._all_cameras, self._all_robots, self._all_objects = cameras, robots, objects

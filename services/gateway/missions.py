@@ -32,7 +32,7 @@ from surveilnav.services.gateway.core.problems import Problem, refusal
 from surveilnav.services.gateway.core.selection import SortKey, page_after
 from surveilnav.services.gateway.responses import Cursor, Id, Limit, Offset
 from surveilnav.services.gateway.state import BuildingState
-from surveilnav.services.gateway.traffic import MissionTrafficMeter
+from surveilnav.services.gateway.traffic import TrafficMeter
 from surveilnav.words import canonical
 
 #: How many requests to pause a mission are under way at the same time, at an emergency stop.
@@ -177,7 +177,7 @@ def _repeated(goal: NewMission, same: bool, mission: Mission) -> Mission:
     )
 
 
-def router(missions: Missions, meter: MissionTrafficMeter) -> APIRouter:
+def router(missions: Missions, meter: TrafficMeter) -> APIRouter:
     router = APIRouter(prefix=f"{ROOT}/missions", tags=["missions"])
 
     @router.post("", status_code=202)

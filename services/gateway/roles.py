@@ -30,6 +30,8 @@ ROLES: dict[tuple[str, str], Role | None] = {
     ("GET", "/metrics"): _VIEWER,
     ("GET", f"{ROOT}/buildings"): _VIEWER,
     ("GET", f"{ROOT}/traffic"): _VIEWER,
+    ("GET", f"{ROOT}/traffic/series"): _VIEWER,
+    ("GET", f"{ROOT}/traffic/series.csv"): _VIEWER,
     ("GET", f"{ROOT}/services"): _VIEWER,
     ("GET", f"{ROOT}/events"): _VIEWER,
     ("GET", f"{ROOT}/live"): _VIEWER,

@@ -27,7 +27,7 @@ from surveilnav.services.gateway.sightings import CameraSightings
 from surveilnav.services.gateway.state import BuildingState
 from surveilnav.services.gateway.stream_sources import BuildingEvents, LiveStates, Resources
 from surveilnav.services.gateway.tiles import CameraTiles
-from surveilnav.services.gateway.traffic import MissionTrafficMeter, present_traffic
+from surveilnav.services.gateway.traffic import TrafficMeter, present_traffic
 
 #: How many of the newest missions /live sends. Older ones are listed by /missions.
 _LIVE_MISSIONS = 100
@@ -57,7 +57,7 @@ class Gateway:
         self.sightings = CameraSightings(self.state, self.objects, settings.cameras_file)
         self.recordings = Recordings(self.state)
         self.events = BuildingEvents()
-        self.meter = MissionTrafficMeter(self.state)
+        self.meter = TrafficMeter(self.state)
         self.removals = Removals(self.state, self.maps, self.objects)
         self._detector = ChangeDetector(
             self.state, self.cameras, self.robots, self.objects, self.removals, self.events, self.meter

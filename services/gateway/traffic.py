@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import threading
+import time
+from datetime import UTC, datetime
 
-from surveilnav.rest import MissionTraffic, Traffic
+from surveilnav.rest import MissionTraffic, Traffic, TrafficOverTime, TrafficPoint, TrafficStep
 from surveilnav.services.gateway.core.mission_traffic import ByteCounts, MissionUsages
 from surveilnav.services.gateway.core.problems import Problem
-from surveilnav.services.gateway.core.traffic import ReportAge, sum_traffic
+from surveilnav.services.gateway.core.traffic import ReportAge, links_by_node, sum_traffic
+from surveilnav.services.gateway.core.traffic_series import LINKS, TrafficSeries
 from surveilnav.services.gateway.state import BuildingState
+
+_STEPS_S: dict[TrafficStep, int] = {"second": 1, "minute": 60}
 
 
 def present_traffic(state: BuildingState, *, asks: bool = False) -> Traffic:
@@ -18,25 +23,41 @@ def present_traffic(state: BuildingState, *, asks: bool = False) -> Traffic:
     return sum_traffic((row.message for row in rows.values()), received)
 
 
-class MissionTrafficMeter:
-    """Counts the bytes that cameras and robots send during each mission. Call ``update`` regularly. Thread-safe."""
+class TrafficMeter:
+    """Counts bytes over time, and those of cameras and robots during each mission. Call ``update`` regularly. Thread-safe."""
 
     def __init__(self, state: BuildingState) -> None:
         self._state = state
-        self._usages = MissionUsages()
+        self._usages, self._series = MissionUsages(), TrafficSeries()
         self._lock = threading.Lock()
 
     def clear(self) -> None:
         """Forgets all counts, because a replay jumped to another moment."""
         with self._lock:
-            self._usages = MissionUsages()
+            self._usages, self._series = MissionUsages(), TrafficSeries()
 
     def update(self) -> None:
-        """Adds what cameras and robots sent since the last update."""
+        """Adds what was sent since the last update."""
         counts = ByteCounts.from_traffic(present_traffic(self._state))
+        totals = links_by_node(row.message for row in self._state.traffic.rows())
         statuses = [row.message for row in self._state.missions.newest("mission").values()]
         with self._lock:
             self._usages.update(statuses, counts)
+            self._series.record(totals, time.time())
+
+    def series(self, step: TrafficStep, last_s: float) -> TrafficOverTime:
+        """The bytes of each step of the last ``last_s`` seconds in which something was counted."""
+        now_s = time.time()
+        with self._lock:
+            points = self._series.since(_STEPS_S[step], now_s - last_s, now_s)
+        named = [f"{link}_bytes" for link in LINKS]
+        return TrafficOverTime(
+            step_s=_STEPS_S[step],
+            points=[
+                TrafficPoint(at=datetime.fromtimestamp(p.at_s, UTC), **dict(zip(named, p.n_bytes, strict=True)))
+                for p in points
+            ],
+        )
 
     def all(self) -> dict[str, MissionTraffic]:
         """The traffic of the missions that ran while this gateway was running, by mission."""

@@ -1,9 +1,9 @@
 """How many bytes a building's network will need: from what views, steps and waiting were measured to cost.
 
-An hour is drawn many times: the number of missions (Poisson), the steps of each (log-normal) and the size of the building's views.
-A mission's cameras send every view once, and again ``hz`` times a second if what they see changes; cameras that the maps know
-already, because a robot has waited on their floor, send nothing, so that this is the most that still cameras cost. The costs are
-in ``data/traffic_costs.json``; docs/results/bandwidth.md says how they were measured, and holds a forecast against a run.
+An hour is drawn many times: the number of missions (Poisson), the steps of each (log-normal) and the size of the building's
+views. A mission's cameras send every view once, and again ``hz`` times a second if what they see changes; cameras that the maps
+know already, because a robot has waited on their floor, send nothing, so that this is the most that still cameras cost. The costs
+are in ``data/traffic_costs.json``; docs/results/bandwidth.md says how they were measured, and holds a forecast against a run.
 """
 
 from __future__ import annotations
@@ -72,9 +72,8 @@ class Plan:
                 f"{self.cameras} cameras, {self.views} views, {self.cameras_per_mission} cameras a mission"
             )
         if not (0.0 <= self.missions_per_hour <= 10_000.0 and 0.0 <= self.hz <= 100.0):  # False for NaN
-            raise ConfigError(
-                f"expected 0 to 10,000 missions an hour and 0 to 100 pictures a second, got {self.missions_per_hour} and {self.hz}"
-            )
+            got = f"{self.missions_per_hour} and {self.hz}"
+            raise ConfigError(f"expected 0 to 10,000 missions an hour and 0 to 100 pictures a second, got {got}")
 
 
 @dataclass(frozen=True, slots=True)

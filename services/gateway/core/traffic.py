@@ -17,6 +17,7 @@ from surveilnav import contract
 from surveilnav.messages import TrafficReport
 from surveilnav.rest import LinkTraffic, NodeTraffic, SourceTraffic, Traffic
 from surveilnav.services.gateway.core.resources import utc
+from surveilnav.services.gateway.core.traffic_series import LINKS
 
 _CAMERA_STREAMS = [s for s in contract.STREAMS if "camera" in s.fields]
 _ROBOT_STREAMS = [s for s in contract.STREAMS if "robot" in s.fields]
@@ -54,13 +55,21 @@ def sum_traffic(reports: Iterable[TrafficReport], received: Mapping[str, ReportA
     )
 
 
-def _links(reports: Iterable[TrafficReport]) -> LinkTraffic:
-    n_bytes = dict.fromkeys(("camera", "robot", "server", "simulation"), 0)
+def links_by_node(reports: Iterable[TrafficReport]) -> dict[str, tuple[int, ...]]:
+    """By "kind/node", what it has offered over each link, in the order of ``LINKS``."""
+    found = {}
     for report in reports:
+        n_bytes = dict.fromkeys(LINKS, 0)
         for row in report.rows:
             if row.direction == "offered":
                 n_bytes[link_of(report.kind, row.key)] += row.n_bytes
-    return LinkTraffic(**{f"{link}_bytes": n for link, n in n_bytes.items()})
+        found[f"{report.kind}/{report.node}"] = tuple(n_bytes.values())
+    return found
+
+
+def _links(reports: Iterable[TrafficReport]) -> LinkTraffic:
+    sums = [sum(column) for column in zip(*links_by_node(reports).values(), strict=True)] or [0] * len(LINKS)
+    return LinkTraffic(**{f"{link}_bytes": n for link, n in zip(LINKS, sums, strict=True)})
 
 
 def link_of(kind: str, key: str) -> str:

@@ -272,6 +272,10 @@ class Client:
         """Bytes by node, camera and robot."""
         return self._gateway.one(rest.Traffic, "GET", "traffic")
 
+    def traffic_series(self, step: rest.TrafficStep = "minute", *, last_s: float = 3600.0) -> rest.TrafficOverTime:
+        """Bytes by kind of link over time: each second of the last hour, or each minute of the last thirty days."""
+        return self._gateway.one(rest.TrafficOverTime, "GET", "traffic/series", params={"step": step, "last_s": last_s})
+
     def metrics(self) -> str:
         """All that is counted, in Prometheus's text format."""
         return self._gateway.request("GET", "/metrics").text

@@ -16,7 +16,17 @@ from surveilnav.rest.robots import FrameCorrection, Robot, RobotHalt, StageTimes
 from surveilnav.rest.session import NewSession, Session
 from surveilnav.rest.sightings import SearchedCamera, SearchedRoom, Sighting, Sightings, SightingsRequest
 from surveilnav.rest.streams import LIVE_RESOURCES, Event, LiveState, StreamData, Tile, TileState
-from surveilnav.rest.system import LinkTraffic, NodeTraffic, Readiness, Service, SourceTraffic, Traffic
+from surveilnav.rest.system import (
+    LinkTraffic,
+    NodeTraffic,
+    Readiness,
+    Service,
+    SourceTraffic,
+    Traffic,
+    TrafficOverTime,
+    TrafficPoint,
+    TrafficStep,
+)
 
 __all__ = [
     "AccessRecord",
@@ -73,5 +83,8 @@ __all__ = [
     "Tile",
     "TileState",
     "Traffic",
+    "TrafficOverTime",
+    "TrafficPoint",
+    "TrafficStep",
     "Worker",
 ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from datetime import datetime
+from typing import Literal
 
 from pydantic import BaseModel, Field
 
@@ -76,6 +77,22 @@ class LinkTraffic(BaseModel):
     simulation_bytes: int = Field(
         default=0, description="by the simulator: no traffic of a real building, and in no other sum"
     )
+
+
+TrafficStep = Literal["second", "minute"]
+
+
+class TrafficPoint(LinkTraffic):
+    """Offered bytes by link that were reported in one step of time."""
+
+    at: datetime = Field(description="when the step began")
+
+
+class TrafficOverTime(BaseModel):
+    """Offered bytes over time: steps without any are left out. Nodes report within half a minute."""
+
+    step_s: int
+    points: list[TrafficPoint]
 
 
 class Traffic(BaseModel):

@@ -671,6 +671,23 @@ def test_traffic_names_nodes_and_cameras(client):
     assert traffic["offered_bytes"] == sum(n["offered_bytes"] for n in nodes.values())
 
 
+def test_traffic_over_time_adds_up(client):
+    def total(step: str) -> int:
+        points = client.get(f"/api/v1/traffic/series?step={step}").json()["points"]
+        return sum(p["camera_bytes"] + p["robot_bytes"] + p["server_bytes"] + p["simulation_bytes"] for p in points)
+
+    client.get("/api/v1/cameras/c1/views/2.jpg")
+    until(lambda: total("second") > 0, "nothing is counted over time")
+    until(lambda: total("second") == total("minute"))
+    rows = client.get("/api/v1/traffic/series.csv?step=second")
+    assert rows.headers["content-type"].startswith("text/csv")
+    header, *lines = rows.text.splitlines()
+    assert header == "at,camera_bytes,robot_bytes,server_bytes,simulation_bytes"
+    assert len(lines) >= 1
+    problem(client.get("/api/v1/traffic/series?step=hour"), 422)
+    problem(client.get("/api/v1/traffic/series?last_s=0"), 422)
+
+
 # --- the whole ----------------------------------------------------------------------------------------------------
 
 
