@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from surveilnav.messages import CameraInfo, CameraViewInfo, FrameHeader, TierChoice
+from surveilnav.messages import CameraInfo, CameraViewInfo, FrameHeader
+from surveilnav.services.camera_node.config import CameraSettings
 from surveilnav.services.camera_node.frames import EncodedFrame
 from surveilnav.services.camera_node.sources.source import Source
 
 
-def camera_info(source: Source, tier: TierChoice, *, paused: bool, now_ns: int) -> CameraInfo:
-    """The description of a camera. ``tier``: its setting; without depth, pictures are sent as ``jpeg``."""
+def camera_info(source: Source, settings: CameraSettings, *, paused: bool, now_ns: int) -> CameraInfo:
+    """The description of a camera. Without depth, it sends its pictures as ``jpeg``."""
     place = source.place
     return CameraInfo(
         stamp_ns=now_ns,
@@ -18,7 +19,8 @@ def camera_info(source: Source, tier: TierChoice, *, paused: bool, now_ns: int) 
         mounting_offset_m=place.mounting_offset_m,
         intrinsics=source.intrinsics,
         views=[CameraViewInfo(v, pose) for v, pose in enumerate(source.views)],
-        tier="jpeg" if tier == "jpeg+depth" and not source.has_depth else tier,
+        tier="jpeg" if settings.tier == "jpeg+depth" and not source.has_depth else settings.tier,
+        budget_bytes_s=1000.0 * (settings.budget_kb_s or 0.0),
         label=place.label,
         stream=source.stream,
         paused=paused,

@@ -30,7 +30,7 @@ class CameraService:
     ) -> None:
         """``load`` makes the camera's own perception, for tiers that need it. ConfigError: the tier needs one and has none."""
         source = hide_mask_zones(source, settings)  # applied here, so that no camera can forget it
-        self._node, self._source, self._tier = node, source, settings.tier
+        self._node, self._source, self._settings = node, source, settings
         if settings.masks:
             zones = source.zones if isinstance(source, MaskedSource) else {}
             node.log.info("mask zones", file=settings.masks, zones_by_view={v: len(z) for v, z in zones.items()})
@@ -61,7 +61,7 @@ class CameraService:
         return self._sender.step(requested, paused=self.paused)
 
     def _info(self) -> CameraInfo:
-        return messages.camera_info(self._source, self._tier, paused=self.paused, now_ns=clock_ns())
+        return messages.camera_info(self._source, self._settings, paused=self.paused, now_ns=clock_ns())
 
     def _announce(self) -> None:
         """Publishes the description of the camera, which also says what its stream is doing."""
@@ -78,6 +78,9 @@ class CameraService:
         unknown = set(views) - set(self._sender.views)
         if unknown or not views:
             raise Refused("bad_view", f"expected views of 0-{len(self._sender.views) - 1}, got {views}")
+        if action == "order":
+            self._sender.order = views
+            return Answer(Ack(stamp_ns=clock_ns(), message="the views come in this order"))
         if action == "thumbnail":
             if self._source.version(views[0]) is None:
                 raise Refused("busy", f"view {views[0]} has no picture yet: ask again later")

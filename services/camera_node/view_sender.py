@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from typing import Any
 
 from surveilnav.bus import Node, clock_ns
@@ -31,6 +31,7 @@ class ViewSender:
     Attributes:
         encoder: encodes the frames; it makes thumbnails, too.
         sending: whether frames are being sent now; other work of the process should wait.
+        order: in which what waits is sent, after what was asked for again; other views come last.
     """
 
     def __init__(self, node: Node, source: Source, settings: CameraSettings, own: OwnPerception | None) -> None:
@@ -40,6 +41,7 @@ class ViewSender:
         self._truths = {v: node.publisher(TRUTH, source=f"camera-{source.place.name}", view=v) for v in views}
         self.encoder = FrameEncoder(source, settings, own)
         self.sending = False
+        self.order: Sequence[int] = ()
         self._seq = dict.fromkeys(views, 0)
         self._state = sending.SendState()
         self._tiers: dict[int, Tier] = {}
@@ -71,7 +73,8 @@ class ViewSender:
         self._tiers = {v: tier for v, tier in self._tiers.items() if v in self._state.sent}
         due = due or views_to_improve(self._choice, self._tiers, self._whole, self._refilled())
         self.sending = bool(due)
-        left = list(due)
+        place = {v: n for n, v in enumerate(self.order)}
+        left = sorted(due, key=lambda v: (v not in self._asked, place.get(v, len(place))))  # stable
         while left and not self._node.stopping.is_set():
             bucket = self._refilled()
             if bucket is not None and not bucket.allows:

@@ -37,12 +37,12 @@ class ViewIntake:
         self._views_per_step = settings.camera_views_per_step
         self.searches = CameraSearches()
         self._words = SearchedWords(node, settings.prompts, self.searches)
-        self._sources = Sources(node, settings, maps, shard, self._words, self.searches)
+        self.positions = RobotPositions()
+        ranking = ViewRanking(maps, self.positions)
+        self._sources = Sources(node, settings, maps, shard, self._words, self.searches, ranking)
         self._pictures = PictureCache(settings.picture_cache_mb << 20)
         self._workers = Workers(node)
-        self.positions = RobotPositions()
         self.texts = TextEncoder(self._workers)
-        ranking = ViewRanking(maps, self.positions)
         self._perception = PerceptionClient(
             node, settings, self._workers, maps, self._words, ranking, self._sources.want_pictures
         )

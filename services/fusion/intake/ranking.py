@@ -1,11 +1,14 @@
-"""Which waiting camera view is perceived next: a ranking by utility (``core.views.order``), renewed while the maps grow."""
+"""Which waiting camera view is perceived next, and in which order a camera with a budget sends its views.
+
+A ranking by utility (``core.views.order``), renewed while the maps grow.
+"""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
-from surveilnav.messages import FrameHeader
+from surveilnav.messages import CameraInfo, FrameHeader
 from surveilnav.services.fusion.building_maps import BuildingMaps
 from surveilnav.services.fusion.core.views.order import ViewFootprint, highest_first
 from surveilnav.services.fusion.intake.robot_positions import RobotPositions
@@ -15,7 +18,7 @@ _MAX_AGE_S = 0.5  # after which a ranking is made anew
 
 
 class ViewRanking:
-    """Ranks waiting views by what they may still show near the robots. Not thread-safe."""
+    """Ranks waiting views by what they may still show near the robots. ``pop_best`` is for one thread."""
 
     def __init__(self, maps: BuildingMaps, positions: RobotPositions) -> None:
         self._maps, self._positions = maps, positions
@@ -33,12 +36,24 @@ class ViewRanking:
         self._ranked_s = time.monotonic()
         return self._ranked.pop()
 
-    def _rank(self, waiting: Mapping[ViewKey, FrameHeader]) -> list[ViewKey]:
+    def order(self, info: CameraInfo) -> list[int]:
+        """The views of a camera, the one that may still show most near robots first."""
         range_m = self._maps.joint.config.map.explored_range_camera_m
-        footprints = [_footprint(header, range_m) for header in waiting.values()]
+        floor_z_m = info.position_m[2] - info.mounting_offset_m
+        footprints = [
+            ViewFootprint.from_view(view.T_world_camera.matrix(), info.intrinsics, floor_z_m, range_m)
+            for view in info.views
+        ]
+        return [info.views[k].view for k in self._best_first(footprints)]
+
+    def _best_first(self, footprints: Sequence[ViewFootprint]) -> Sequence[int]:
         robots_m = [(position.x_m, position.y_m, position.z_m) for _, position in self._positions.items()]
         with self._maps.lock:
-            order = highest_first(self._maps.joint.view_utilities(footprints, robots_m))
+            return highest_first(self._maps.joint.view_utilities(footprints, robots_m))
+
+    def _rank(self, waiting: Mapping[ViewKey, FrameHeader]) -> list[ViewKey]:
+        range_m = self._maps.joint.config.map.explored_range_camera_m
+        order = self._best_first([_footprint(header, range_m) for header in waiting.values()])
         keys = list(waiting)
         return [keys[k] for k in reversed(order)]
 

@@ -21,6 +21,7 @@ from surveilnav.services.fusion.config import FusionSettings
 from surveilnav.services.fusion.core.views.invocation import Invocation, invoke
 from surveilnav.services.fusion.intake.camera_searches import CameraSearches
 from surveilnav.services.fusion.intake.clocks import SourceClocks
+from surveilnav.services.fusion.intake.ranking import ViewRanking
 from surveilnav.services.fusion.intake.robot_positions import too_tall
 from surveilnav.services.fusion.intake.words import SearchedWords
 from surveilnav.services.fusion.map_log.removal import Removal
@@ -29,6 +30,7 @@ from surveilnav.services.fusion.shard import Shard
 _MAX_CAMERAS, _MAX_VIEWS, _MAX_ROBOTS = 1000, 64, 64
 _MAX_SEQ, _MAX_STAMP_NS = 2**53, 2**62  # the largest that the store, the maps and JavaScript clients can represent
 _REFRESH_S = 0.1
+_ORDER_S = 1.0
 
 
 @dataclass(slots=True)
@@ -40,6 +42,7 @@ class InvokedCamera:
         patience_s: time until the next such request; it doubles each time.
         is_silent: whether the camera neither sends nor answers, so that nobody should wait for its views.
         pictures_wanted: views of which it sent no pictures, and should; asked for at ``pictures_at_s`` (again).
+        ordered_at_s: when it was last told in which order it should send what its budget makes wait.
     """
 
     info: CameraInfo
@@ -50,6 +53,7 @@ class InvokedCamera:
     is_silent: bool = False
     pictures_wanted: set[int] = field(default_factory=set)
     pictures_at_s: float = 0.0
+    ordered_at_s: float = 0.0
 
 
 class Sources:
@@ -63,7 +67,9 @@ class Sources:
         shard: Shard,
         words: SearchedWords,
         searches: CameraSearches,
+        ranking: ViewRanking,
     ) -> None:
+        self._ranking = ranking
         self._node, self._settings, self._maps, self._words, self._searches = node, settings, maps, words, searches
         self._shard = shard
         self._config = maps.joint.config.map
@@ -94,6 +100,7 @@ class Sources:
             dropped = self._invoke(now_s)
             self._request_missing(now_s)
             self._request_pictures(now_s)
+            self._order_views(now_s)
         return [*self._robot_frames(), *self._camera_frames()], dropped
 
     def withdraw(self, removal: Removal) -> None:
@@ -290,11 +297,21 @@ class Sources:
                 target=self._request, args=(camera, views, True), name=f"pictures-{name}", daemon=True
             ).start()
 
+    def _order_views(self, now_s: float) -> None:
+        """Tells cameras with a budget which of their views may show most now, while more than one is missing."""
+        for name, camera in self.cameras.items():
+            is_due = camera.info.budget_bytes_s > 0 and now_s - camera.ordered_at_s >= _ORDER_S
+            if not is_due or len(set(camera.slots) - camera.arrived) < 2:
+                continue
+            camera.ordered_at_s = now_s
+            request = CameraRequest(stamp_ns=clock_ns(), action="order", views=self._ranking.order(camera.info))
+            threading.Thread(target=self._ask, args=(camera, request), name=f"order-{name}", daemon=True).start()
+
     def _request(self, camera: InvokedCamera, views: list[int], pictures: bool = False) -> None:
-        info, request = (
-            camera.info,
-            CameraRequest(stamp_ns=clock_ns(), action="resend", views=views, pictures=pictures),
-        )
+        self._ask(camera, CameraRequest(stamp_ns=clock_ns(), action="resend", views=views, pictures=pictures))
+
+    def _ask(self, camera: InvokedCamera, request: CameraRequest) -> None:
+        info, views = camera.info, request.views
         try:
             self._node.ask(CAMERA_REQUEST, request, floor=info.floor, camera=info.camera)
         except BusError as error:

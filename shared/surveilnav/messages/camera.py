@@ -46,6 +46,7 @@ class CameraInfo(Message, frozen=True, kw_only=True):
         mounting_offset_m: height above the floor, the paper's delta z^c.
         intrinsics: of all views, for colour and depth.
         tier: how much it sends of its views.
+        budget_bytes_s: how many bytes of frames it may send; 0: as many as it has.
         label: its name for people; empty: as ``camera``.
         stream: what its stream is doing.
         paused: a person has paused it: it sends nothing, whoever listens.
@@ -58,6 +59,7 @@ class CameraInfo(Message, frozen=True, kw_only=True):
     intrinsics: Pinhole
     views: list[CameraViewInfo]
     tier: TierChoice = "jpeg+depth"
+    budget_bytes_s: float = 0.0
     label: str = ""
     stream: StreamStatus = StreamStatus()
     paused: bool = False
@@ -75,13 +77,13 @@ class CameraRequest(Message, frozen=True, kw_only=True):
     """A request to a camera. While it is paused it refuses all but "resume" as "paused".
 
     Attributes:
-        action: "resend": publish the views again; "thumbnail": answer with a JPEG of the first view; "pause" or "resume".
+        action: "resend": publish the views again; "order": what waits for the budget is wanted in this order; "thumbnail": answer with a JPEG of the first view; "pause" or "resume".
         views: indices of the views; empty for "pause" and "resume".
         pictures: of "resend": the views are wanted with their pictures from now on, also by a camera that sends less than that.
         width_px: width of the thumbnail; 0: the largest that the camera's settings allow.
     """
 
-    action: Literal["resend", "thumbnail", "pause", "resume"]
+    action: Literal["resend", "order", "thumbnail", "pause", "resume"]
     views: list[int] = []
     pictures: bool = False
     width_px: int = 0

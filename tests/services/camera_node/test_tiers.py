@@ -157,6 +157,19 @@ def test_auto_sends_objects_first_and_features_when_nothing_waits(start, client)
     assert seen[0] == ["objects", "features"]
 
 
+def test_what_the_budget_makes_wait_comes_in_the_order_that_is_wanted(start, client):
+    """One frame empties the bucket of 2 B; then the last view of the order is waited for."""
+    got = []
+    client.subscribe(CAMERA_FRAME, lambda frame: got.append(frame.message.view))
+    service, _ = start(Looking(), views=range(4), tier="features", budget_kb_s=0.001)
+    client.ask(CAMERA_REQUEST, CameraRequest(stamp_ns=1, action="order", views=[2, 0]), **PLACE)
+    for n in range(1, 5):
+        until(lambda n=n: service.step() or len(got) == n)
+        until(lambda n=n: len(got) == n)
+        service._sender._bucket = service._sender._bucket.without(-10_000)  # the debt is paid
+    assert got == [2, 0, 1, 3]
+
+
 def test_people_are_told_the_tier(start, client):
     start(Looking(), tier="auto")
     assert client.ask(CAMERA_INFO, **PLACE).message.tier == "auto"

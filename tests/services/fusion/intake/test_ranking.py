@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import pytest
 
 from surveilnav.geometry import Pinhole, Pose
-from surveilnav.messages import FrameHeader, PayloadPart
+from surveilnav.messages import CameraInfo, CameraViewInfo, FrameHeader, PayloadPart
 from surveilnav.services.fusion.core import FusionConfig, JointMap
 from surveilnav.services.fusion.intake import ranking as module
 from surveilnav.services.fusion.intake.ranking import ViewRanking
@@ -59,6 +59,23 @@ def test_the_view_nearest_to_the_robot_comes_first(ranking):
         order.append(ranking.pop_best(waiting))
         del waiting[order[-1]]
     assert [view for _, view in order] == [5, 6, 4, 7, 3, 2, 1, 0]
+
+
+def test_a_cameras_views_are_ordered_as_its_frames_would_be(ranking):
+    """All views of a camera are at one place: it is by where they look that they differ."""
+    poses = [Pose.from_matrix(pose(yaw, 30.0)) for yaw in (180.0, 0.0, 90.0)]
+    info = CameraInfo(
+        stamp_ns=1,
+        camera="c",
+        floor="0",
+        position_m=poses[0].translation_m,
+        mounting_offset_m=poses[0].translation_m[2],
+        intrinsics=LENS,
+        views=[CameraViewInfo(7 + n, at) for n, at in enumerate(poses)],
+    )
+    order = ranking.order(info)
+    assert sorted(order) == [7, 8, 9]
+    assert order[0] == 8, "the robot is in that direction"
 
 
 def test_of_views_worth_the_same_the_first_comes_first(ranking):

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import threading
 from types import SimpleNamespace
 
+import msgspec
 import pytest
 import structlog
 
@@ -19,6 +21,7 @@ from surveilnav.services.fusion.intake import sources as module
 from surveilnav.services.fusion.intake.camera_searches import CameraSearches
 from surveilnav.services.fusion.intake.sources import Sources
 from surveilnav.services.fusion.shard import WHOLE_BUILDING, Shard
+from tests.waiting import until
 
 CAMERA = Pinhole.from_hfov(160, 120, 1.4)
 
@@ -128,7 +131,10 @@ class Followed:
         self.node.robots("r")
         self.maps, self.words = BuildingMaps(FusionConfig()), SimpleNamespace(is_idle=True)
         self.searches = CameraSearches()
-        self.sources = Sources(self.node, FusionSettings(**settings), self.maps, shard, self.words, self.searches)
+        self.ranking = SimpleNamespace(order=lambda info: [v.view for v in reversed(info.views)])
+        self.sources = Sources(
+            self.node, FusionSettings(**settings), self.maps, shard, self.words, self.searches, self.ranking
+        )
         self.look()
         self.says()
         self.look()
@@ -299,3 +305,18 @@ def test_a_robot_that_takes_the_stairs_changes_shards():
     followed.says(seq=9, stamp_ns=9)
     frames, _ = followed.look()
     assert [frame.message.seq for frame in frames] == [9]
+
+
+@pytest.mark.parametrize(
+    ("budget_bytes_s", "n_views", "orders"), [(20_000.0, 3, [[2, 1, 0]]), (0.0, 3, []), (20_000.0, 1, [])]
+)
+def test_cameras_with_a_budget_are_told_which_views_are_wanted_first(followed, budget_bytes_s, n_views, orders):
+    asked = []
+    followed.node.ask = lambda stream, request, **ids: asked.append(request)
+    followed.node.camera("c", views=range(n_views))
+    row = followed.node.infos.said["c"]
+    row.message = msgspec.structs.replace(row.message, budget_bytes_s=budget_bytes_s)
+    followed.look()
+    followed.look()
+    until(lambda: not any(t.name.startswith("order-") for t in threading.enumerate()))
+    assert [r.views for r in asked if r.action == "order"] == orders
