@@ -160,7 +160,7 @@ CAMERA_REQUEST = Stream(
     None,
     5_000,
     "control",
-    "send views again (no payload); a viewer's thumbnail (a JPEG); pause, resume",
+    "send views again (no payload), or in an order; a viewer's thumbnail (a JPEG); pause, resume",
     request=m.CameraRequest,
     payload=True,
 )
