@@ -16,13 +16,12 @@ from surveilnav.benchmark.policies.language_model import LanguageModelSettings
 from surveilnav.errors import ConfigError
 from surveilnav.messages import Tier
 from surveilnav.perception.models import COCO_DETECTORS
+from surveilnav.perception.names import BackendName
 from surveilnav.services.fusion.core import FusionConfig
 from surveilnav.services.planner.core import PlannerConfig
 from surveilnav.simulator.truth.choose import BACKENDS
 
 Planner = Literal["fmm", "sp"]
-#: Backends that are told the truth, and look at no picture.
-_TOLD = ("oracle", "simulated")
 
 
 class RunSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -84,11 +83,11 @@ class RunSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
         self.localisation_error()
         _expect("camera_depth", self.camera_depth, get_args(CameraDepth))
         _expect("camera_tier", self.camera_tier, get_args(Tier))
-        if self.camera_tier != "jpeg+depth" and self.perception in _TOLD:
+        _expect("perception", self.perception, [b for b in BACKENDS if b != "auto"])  # a table must say what looked
+        if self.camera_tier != "jpeg+depth" and BackendName(self.perception).is_told:
             raise ConfigError(
                 f"{self.perception} looks at no pictures, so cameras send none: leave camera_tier as it is"
             )
-        _expect("perception", self.perception, [b for b in BACKENDS if b != "auto"])  # a table must say what looked
         _expect("camera_perception", self.camera_perception, ("", "oracle"))
         if self.camera_perception and not self.surveillance:
             raise ConfigError("camera_perception says how cameras see, but none take part: surveillance is off")

@@ -9,6 +9,7 @@ from surveilnav import contract
 from surveilnav.bus import Answer, Node, Refused, Request, clock_ns
 from surveilnav.contract import PERCEPTION_TEXT, Stream
 from surveilnav.messages import Ack, FrameHeader, LoggedView, TextReply
+from surveilnav.sensing.packing import picture_jpeg
 from surveilnav.services.recorder.recorded import RecordedMessage
 
 _REMEMBERED = (
@@ -63,8 +64,10 @@ class LatestMessages:
             self._announce(kind, next(v for k, v in heard.ids.items() if k not in ("building", "floor")))
 
     def record_picture(self, view: LoggedView, header: FrameHeader, payload: bytes) -> None:
+        """Keeps the newest picture of a view. WireError: it can't be shown."""
+        jpeg = picture_jpeg(header, payload)
         with self._lock:
-            self._pictures[view.source, view.view] = payload[: header.image.n_bytes]
+            self._pictures[view.source, view.view] = jpeg
 
     def forget(self) -> None:
         """Drops all messages, for a jump back in time. Announced nodes stay: a page would take a moment's absence for a fault."""

@@ -21,10 +21,11 @@ from surveilnav.bus import Node, clock_ns
 from surveilnav.contract import CAMERA_SUMMARY
 from surveilnav.errors import BusError, PerceptionError
 from surveilnav.perception import models
-from surveilnav.perception.backend import Backend
-from surveilnav.sensing.views import looks_straight_down, measured_depth_m
+from surveilnav.perception.names import BackendName
+from surveilnav.sensing.views import looks_straight_down
 from surveilnav.services.camera_node.config import CameraSettings
 from surveilnav.services.camera_node.core import summary
+from surveilnav.services.camera_node.own_perception import OwnPerception
 from surveilnav.services.camera_node.result_cache import ResultCache
 from surveilnav.services.camera_node.sources.masked import hide_mask_zones
 from surveilnav.services.camera_node.sources.source import Source
@@ -42,8 +43,8 @@ def open_edge_perception(
     source: Source,
     settings: CameraSettings,
     *,
+    own: OwnPerception,
     n_floors: int,
-    load: Callable[[], Backend],
     busy: Callable[[], bool],
 ) -> Iterator[EdgePerception | None]:
     """Runs the camera's perception for the length of a ``with`` block.
@@ -51,14 +52,14 @@ def open_edge_perception(
     None if the settings name no backend, or if the building has fewer than ``settings.min_floors`` floors.
 
     Args:
+        own: what looks at the views.
         n_floors: number of floors of the building.
-        load: makes the backend; called when the first view is examined.
         busy: whether the camera has something more urgent to do. No view is examined then.
     """
     if not settings.runs_perception or n_floors < settings.min_floors:
         yield None
         return
-    perception = EdgePerception(node, source, settings, load, busy)
+    perception = EdgePerception(node, source, settings, own, busy)
     perception.start()
     try:
         yield perception
@@ -74,16 +75,15 @@ class EdgePerception:
         node: Node,
         source: Source,
         settings: CameraSettings,
-        load: Callable[[], Backend],
+        own: OwnPerception,
         busy: Callable[[], bool] = lambda: False,
     ) -> None:
         source = hide_mask_zones(source, settings)
-        self._node, self._source, self._settings, self._load, self._busy = node, source, settings, load, busy
+        self._node, self._source, self._settings, self._own, self._busy = node, source, settings, own, busy
         self._cache = ResultCache(source, settings)
         #: Views from straight above are left out: no detector can read them.
         self._views = [v for v, pose in enumerate(source.views) if not looks_straight_down(pose.matrix())]
         self._examined: dict[int, summary.ViewLabels] = {}
-        self._backend: Backend | None = None
         self._publisher = node.publisher(CAMERA_SUMMARY, floor=source.place.floor, camera=source.place.name)
         self._sent_labels: Mapping[str, float] | None = None
         self._sent_s = self._examined_s = self._failed_s = -math.inf
@@ -116,7 +116,7 @@ class EdgePerception:
         versions = {v: version for v in self._views if (version := self._source.version(v)) is not None}
         if summary.next_view_to_examine(self._examined, versions) is None:
             if now_s - self._examined_s > _UNLOAD_AFTER_S:
-                self._backend = None
+                self._own.unload()
             return
         if now_s - self._failed_s < _RETRY_S or self._busy():
             return
@@ -125,10 +125,7 @@ class EdgePerception:
             view = self._next_uncached_view(versions, recipe)
             if view is None or now_s - self._examined_s < self._settings.look_period_s:
                 return
-            if self._backend is None:
-                self._backend = self._load()
-                self._node.log.info("looks by itself", backend=self._backend.name, views=len(self._views))
-            self._examined[view] = self._perceive(self._backend, view, recipe)
+            self._examined[view] = self._perceive(view, recipe)
         except PerceptionError as error:
             self._failed_s = now_s
             self._node.traffic.reject("own perception")
@@ -145,17 +142,14 @@ class EdgePerception:
             self._examined[view] = summary.ViewLabels(versions[view], labels)
         return None
 
-    def _perceive(self, backend: Backend, view: int, recipe: str) -> summary.ViewLabels:
+    def _perceive(self, view: int, recipe: str) -> summary.ViewLabels:
         cache_key = self._cache.key_for(view, recipe)
         picture = self._source.latest(view)
-        truth = picture.truth if backend.needs_truth else None  # a real backend is never given the truth
-        key = (f"camera/{self._source.place.name}", view, picture.version + 1)
-        depth_m = measured_depth_m(picture.depth_m, picture.depth_source)
-        perception = backend.perceive(picture.rgb, depth_m, self._source.intrinsics, truth=truth, key=key)
+        seen = self._own.see(view, picture)
         labels: dict[str, float] = {}
-        for found in perception.detections:
+        for found in seen.perception.detections if seen is not None else ():
             labels[found.label] = max(float(found.confidence), labels.get(found.label, 0.0))
-        if not backend.needs_truth:  # the results of oracle and simulated depend on more than the picture
+        if not BackendName(self._settings.perception).is_told:  # what those see depends on more than the picture
             self._cache.put(cache_key, view, recipe, [msgspec.json.encode(labels)])
         return summary.ViewLabels(picture.version, labels)
 

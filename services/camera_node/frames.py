@@ -19,6 +19,7 @@ from surveilnav.messages import (
     Tier,
 )
 from surveilnav.perception import models
+from surveilnav.perception.names import BackendName
 from surveilnav.sensing.packing import encode_jpeg
 from surveilnav.sensing.tiers import encode_view
 from surveilnav.services.camera_node.config import CameraSettings
@@ -77,7 +78,7 @@ class FrameEncoder:
         """All that a frame depends on besides the view's content; empty if that can't be said."""
         if tier not in PERCEIVED_TIERS:
             return f"frame, {tier}, JPEG {self._jpeg_quality}"
-        if self._own is None or self._own.is_told:
+        if BackendName(self._looks_by).is_told:
             return ""
         return f"frame, {tier}, seen by {self._looks_by} with {models.small_weights()}"
 

@@ -22,6 +22,7 @@ from surveilnav.perception.depth.reference import LOWEST_M
 from surveilnav.perception.parts import load_depth_model
 from surveilnav.perception.runtime import Runtime
 from surveilnav.services.camera_node.config import CameraSettings
+from surveilnav.services.camera_node.own_perception import OwnPerception
 from surveilnav.services.camera_node.service import CameraService
 from surveilnav.services.camera_node.sources.readers.choose import choose_reader
 from surveilnav.services.camera_node.sources.readers.reader import FrameReader
@@ -79,7 +80,7 @@ def _run(watched: _WatchedFile, name: str, node: Node, settings: CameraSettings)
         raise ConfigError(f"{file.path}: camera {entry.name}: {error}") from None
     watcher = _EntryWatcher(watched, name)
     node.log.info("reads a stream", stream=shown(entry.stream), views=len(source.views))
-    service = CameraService(node, source, settings, partial(_own_backend, settings))
+    service = CameraService(node, source, settings, OwnPerception(source, partial(_own_backend, settings)))
 
     def step() -> bool:
         if watcher.changed():

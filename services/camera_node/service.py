@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
 from typing import Any
 
 from surveilnav.bus import Answer, Node, Refused, Request, clock_ns
 from surveilnav.contract import CAMERA_INFO, CAMERA_REQUEST
-from surveilnav.messages import Ack, CameraInfo
-from surveilnav.perception.backend import Backend
+from surveilnav.messages import Ack, CameraInfo, StreamStatus
 from surveilnav.services.camera_node import messages
 from surveilnav.services.camera_node.config import CameraSettings
 from surveilnav.services.camera_node.own_perception import OwnPerception
@@ -25,10 +23,8 @@ class CameraService:
         paused: whether a person has paused the camera: it sends nothing and answers no request for pictures.
     """
 
-    def __init__(
-        self, node: Node, source: Source, settings: CameraSettings, load: Callable[[], Backend] | None = None
-    ) -> None:
-        """``load`` makes the camera's own perception, for tiers that need it. ConfigError: the tier needs one and has none."""
+    def __init__(self, node: Node, source: Source, settings: CameraSettings, own: OwnPerception | None = None) -> None:
+        """``own``: the camera's own perception, for tiers that need it. ConfigError: the tier needs one and has none."""
         source = hide_mask_zones(source, settings)  # applied here, so that no camera can forget it
         self._node, self._source, self._settings = node, source, settings
         if settings.masks:
@@ -38,10 +34,10 @@ class CameraService:
         ids: dict[str, Any] = {"floor": place.floor, "camera": place.name}
         self._name = f"camera/{place.name}"
         settings.check_tier()
-        self._sender = ViewSender(node, source, settings, OwnPerception(source, load) if load is not None else None)
+        self.paused = False
+        self._sender = ViewSender(node, source, settings, own, paused=lambda: self.paused)
         self._requested: set[int] = set()
         self._lock = threading.Lock()
-        self.paused = False
         node.serve(CAMERA_INFO, lambda _: Answer(self._info()), **ids)
         node.serve(CAMERA_REQUEST, self._on_request, **ids)
         self._infos = node.publisher(CAMERA_INFO, **ids)
@@ -54,11 +50,11 @@ class CameraService:
 
     def step(self) -> bool:
         """One turn of the loop: sends the views that are due. True if there were any."""
-        if self._source.stream.state != self._announced:
+        if _announced_of(self._source.stream) != self._announced:
             self._announce()
         with self._lock:
             requested, self._requested = self._requested, set()
-        return self._sender.step(requested, paused=self.paused)
+        return self._sender.step(requested)
 
     def _info(self) -> CameraInfo:
         return messages.camera_info(self._source, self._settings, paused=self.paused, now_ns=clock_ns())
@@ -66,7 +62,7 @@ class CameraService:
     def _announce(self) -> None:
         """Publishes the description of the camera, which also says what its stream is doing."""
         info = self._info()
-        self._announced = info.stream.state
+        self._announced = _announced_of(info.stream)
         self._infos.put(info)
 
     def _on_request(self, request: Request) -> Answer:
@@ -99,3 +95,8 @@ class CameraService:
             self._announce()
             self._node.wake.set()
         return Answer(Ack(stamp_ns=clock_ns(), message="paused" if paused else "looking"))
+
+
+def _announced_of(stream: StreamStatus) -> tuple[str, int]:
+    """What the camera announces as soon as it changes."""
+    return stream.state, stream.n_reconnects

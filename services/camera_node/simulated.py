@@ -9,6 +9,7 @@ from surveilnav.bus import BusSettings
 from surveilnav.perception.backend import Backend
 from surveilnav.services.camera_node.config import CameraSettings
 from surveilnav.services.camera_node.edge_perception import open_edge_perception
+from surveilnav.services.camera_node.own_perception import OwnPerception
 from surveilnav.services.camera_node.service import CameraService
 from surveilnav.services.camera_node.sources.simulated import SimulatedSource
 from surveilnav.services.camera_node.taking import take_camera
@@ -25,14 +26,16 @@ def run_simulated_camera(settings: CameraSettings, bus: BusSettings) -> None:
         read_zones(Path(settings.masks), "", 0, names)
     with take_camera(settings.id, lambda: names, f"the plan of {plan.building}", bus) as (name, node):
         source = SimulatedSource(building, plan.cameras[names.index(name)])
-        load = partial(_backend, building, settings)
-        service = CameraService(node, source, settings, load)
+        own = OwnPerception(
+            source, partial(_backend, building, settings), lambda name: node.log.info("looks by itself", backend=name)
+        )
+        service = CameraService(node, source, settings, own)
         with open_edge_perception(
             node,
             source,
             settings,
+            own=own,
             n_floors=len(plan.floors),
-            load=load,
             busy=lambda: service.sending or service.paused,
         ):
             node.run(service.step, idle_s=0.02)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import Any
 
 from surveilnav.bus import Node, clock_ns
@@ -34,7 +34,17 @@ class ViewSender:
         order: in which what waits is sent, after what was asked for again; other views come last.
     """
 
-    def __init__(self, node: Node, source: Source, settings: CameraSettings, own: OwnPerception | None) -> None:
+    def __init__(
+        self,
+        node: Node,
+        source: Source,
+        settings: CameraSettings,
+        own: OwnPerception | None,
+        *,
+        paused: Callable[[], bool],
+    ) -> None:
+        """``paused``: whether a person has paused the camera; asked before every frame."""
+        self._paused = paused
         self._node, self._source, self._choice = node, source, settings.tier
         views, ids = range(len(source.views)), {"floor": source.place.floor, "camera": source.place.name}
         self._frames = {v: node.publisher(CAMERA_FRAME, **ids, view=v) for v in views}
@@ -45,6 +55,7 @@ class ViewSender:
         self._seq = dict.fromkeys(views, 0)
         self._state = sending.SendState()
         self._tiers: dict[int, Tier] = {}
+        self._sent_s: dict[int, float] = {}
         self._whole: set[int] = set()
         self._asked: set[int] = set()  # for again, and not sent yet
         self._features_bytes = (0, 0)  # how many frames, and their sum
@@ -61,8 +72,9 @@ class ViewSender:
         """Has these views sent with their pictures, as long as somebody listens to them."""
         self._whole |= set(views)
 
-    def step(self, requested: Collection[int], *, paused: bool) -> bool:
-        """Sends the views that are due, as far as the budget allows. True if there were any."""
+    def step(self, requested: Collection[int]) -> bool:
+        """Sends the views that are due, as far as the budget allows. True if any was sent."""
+        paused = self._paused()
         matched = {v for v, publisher in self._frames.items() if publisher.matched}
         versions = {v: version for v in self._frames if (version := self._source.version(v)) is not None}
         self._asked = (self._asked | set(requested)) & matched if not paused else set()
@@ -71,29 +83,38 @@ class ViewSender:
             self._state, versions=versions, matched=matched, requested=self._asked, paused=paused
         )
         self._tiers = {v: tier for v, tier in self._tiers.items() if v in self._state.sent}
-        due = due or views_to_improve(self._choice, self._tiers, self._whole, self._refilled())
-        self.sending = bool(due)
-        place = {v: n for n, v in enumerate(self.order)}
-        left = sorted(due, key=lambda v: (v not in self._asked, place.get(v, len(place))))  # stable
-        while left and not self._node.stopping.is_set():
-            bucket = self._refilled()
-            if bucket is not None and not bucket.allows:
-                break
-            self._send(left[0], len(left))
-            self._asked.discard(left.pop(0))
-        self._state = self._state.without(left)
-        self._report_waiting(len(left))
+        better = {} if due else views_to_improve(self._choice, self._tiers, self._whole, self._refilled())
+        left = self._in_turn(due) if due else list(better)
+        n, self.sending = len(left), bool(left)
+        while left and self._may_send():
+            tier = better.get(left[0]) or self._tier_of(left[0], len(left))
+            if self._send(left[0], tier):
+                self._asked.discard(left[0])
+                del left[0]
+        if due:
+            self._state = self._state.without(left)
+        self._report_waiting(len(left) if due else 0)
         self.sending = False
-        return len(left) < len(due)
+        return len(left) < n
+
+    def _in_turn(self, due: Collection[int]) -> list[int]:
+        """What was asked for again first, then what was sent longest ago, so that no view that changes often keeps others from
+        being sent; among views that were never sent, as ``order`` has it."""
+        place = {v: n for n, v in enumerate(self.order)}
+        return sorted(due, key=lambda v: (v not in self._asked, self._sent_s.get(v, 0.0), place.get(v, len(place)), v))
+
+    def _may_send(self) -> bool:
+        bucket = self._refilled()
+        return not self._node.stopping.is_set() and not self._paused() and (bucket is None or bucket.allows)
 
     def _refilled(self) -> TokenBucket | None:
         if self._bucket is not None:
             self._bucket = self._bucket.at(time.monotonic())
         return self._bucket
 
-    def _send(self, view: int, n_waiting: int) -> None:
+    def _tier_of(self, view: int, n_waiting: int) -> Tier:
         n, total = self._features_bytes
-        tier = tier_of(
+        return tier_of(
             self._choice,
             view,
             whole=self._whole,
@@ -101,16 +122,23 @@ class ViewSender:
             bucket=self._bucket,
             mean_bytes=total / n if n else 0.0,
         )
+
+    def _send(self, view: int, tier: Tier) -> bool:
+        """Encodes and sends a view; False if the camera was paused meanwhile."""
         frame = self._encoded(view, tier)
+        if self._paused():
+            return False
         self._seq[view] += 1
         self._send_truth(view, frame.version)
         header = messages.frame_header(self._source, view, self._seq[view], frame, now_ns=clock_ns())
         self._frames[view].put(header, frame.payload)
-        self._tiers[view] = frame.tier
+        self._tiers[view], self._sent_s[view] = frame.tier, time.monotonic()
         if frame.tier == "features":
+            n, total = self._features_bytes
             self._features_bytes = n + 1, total + len(frame.payload)
         if self._bucket is not None:
             self._bucket = self._bucket.without(len(frame.payload))
+        return True
 
     def _encoded(self, view: int, tier: Tier) -> EncodedFrame:
         """The newest picture of a view in a tier; with all of it if the camera's own perception fails."""

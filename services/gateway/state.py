@@ -24,7 +24,7 @@ class LastKnown:
     The gateway misses a message that is only published on change if it was published before the gateway started, or by a node
     that the gateway hadn't noticed yet. So such streams, and those whose caller ``asks``, are also queried, every ``REFRESH_S``,
     by the first caller after that time; its call blocks until the answers are there. With ``publishers``, the kind of node
-    that the stream comes from, this is done once a minute only while each node of that kind that is present has said something.
+    that the stream comes from, this is done once a minute only while each node of that kind has said something since it came.
     """
 
     def __init__(self, node: Node, stream: Stream, capacity: int = 20_000, publishers: str = "") -> None:
@@ -33,6 +33,8 @@ class LastKnown:
         self.on_message: Callable[[Received[Any]], None] = lambda _: None
         self._table = node.table(stream, on_message=lambda row: self.on_message(row))
         self._answers: dict[str, Received[Any]] = {}
+        self._present: set[str] = set()  # publishers, when it was last looked
+        self._unheard: set[str] = set()  # publishers that have come since the last query
         self._refreshed_s = time.monotonic()
         self._lock, self._refreshing = threading.Lock(), threading.Lock()
         self._n_removals = 0  # counts the calls of ``forget`` and ``clear``
@@ -68,15 +70,18 @@ class LastKnown:
                 if row.key in self._answers or len(self._answers) < self._capacity:
                     self._answers[row.key] = row
             self._refreshed_s = time.monotonic()
+            self._unheard -= {row.ids[self._publishers] for row in answers} if self._publishers else set()
 
     def _is_complete(self) -> bool:
-        """Whether every publisher that is present has said something."""
+        """Whether every publisher that is present has said something since it came."""
         if not self._publishers:
             return False
+        present = self._node.alive(self._publishers)
         with self._lock:
             known = {row.ids[self._publishers] for row in self._answers.values()}
-        known |= {row.ids[self._publishers] for row in self._table.rows()}
-        return self._node.alive(self._publishers) <= known
+            self._unheard = (self._unheard | (present - self._present)) & present
+            self._present = present
+            return not self._unheard and present <= known | {row.ids[self._publishers] for row in self._table.rows()}
 
     def newest(self, field: str) -> dict[str, Received[Any]]:
         """The newest row for each id in ``field`` of the key, sorted by id. Messages that name another id are ignored."""

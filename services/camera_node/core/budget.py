@@ -13,13 +13,12 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 
-from surveilnav.messages import Tier, TierChoice
+from surveilnav.messages import PERCEIVED_TIERS, Tier, TierChoice
 
 _BURST_S = 2.0
 _PATIENCE_S = 5.0
 #: Bytes of a view as ``features``, before the camera has sent any.
 _TYPICAL_FEATURES_BYTES = 9_000
-_RANK: dict[Tier, int] = {"objects": 0, "features": 1, "jpeg": 2, "jpeg+depth": 3, "raw": 4}
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +66,7 @@ def tier_of(
         bucket: the budget; None: there is none.
         mean_bytes: of the views that were sent as ``features``; 0: none was yet.
     """
-    if view in whole and choice in ("auto", "features", "objects"):
+    if view in whole and choice in ("auto", *PERCEIVED_TIERS):
         return "jpeg+depth"
     if choice != "auto":
         return choice
@@ -79,11 +78,12 @@ def tier_of(
 
 def views_to_improve(
     choice: TierChoice, sent: Mapping[int, Tier], whole: Collection[int], bucket: TokenBucket | None
-) -> tuple[int, ...]:
-    """Views that were sent in a lower tier than they should be, while nothing else waits: the lowest first."""
-    if bucket is not None and not bucket.allows:
-        return ()
-    lower = [v for v, tier in sent.items() if v in whole and _RANK[tier] < _RANK["jpeg+depth"]]
+) -> dict[int, Tier]:
+    """What is sent again while nothing else waits, in this order: views that were sent in a lower tier than they should be, with
+    the tier in which they are sent now."""
+    if choice not in ("auto", *PERCEIVED_TIERS) or (bucket is not None and not bucket.allows):
+        return {}
+    better: dict[int, Tier] = {v: "jpeg+depth" for v in sorted(whole) if sent.get(v) in PERCEIVED_TIERS}
     if choice == "auto":
-        lower += [v for v, tier in sent.items() if tier == "objects" and v not in whole]
-    return tuple(sorted(lower, key=lambda v: (v not in whole, _RANK[sent[v]], v)))
+        better |= {v: "features" for v in sorted(sent) if sent[v] == "objects" and v not in whole}
+    return better

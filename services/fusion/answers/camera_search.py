@@ -65,7 +65,8 @@ class CameraSearchAnswers:
         invoked = self._intake.cameras.get(info.camera)
         if invoked is not None and invoked.is_silent:
             return False
-        return self._n_processed(info) < len(info.views) or self._intake.is_perceiving(info.camera)
+        is_missing = self._n_processed(info) < len(info.views) or self._intake.n_pictures_awaited(info.camera) > 0
+        return is_missing or self._intake.is_perceiving(info.camera)
 
     def _n_processed(self, info: CameraInfo) -> int:
         return len(self._maps.processed.views_of(info.camera) & {view.view for view in info.views})

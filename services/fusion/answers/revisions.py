@@ -101,6 +101,7 @@ class Revisions:
             n_processed = len(self._maps.processed.views_of(name) & set(camera.slots))
             uses.append(CameraUse(name, n_processed, len(camera.slots), reasons.get(f"camera/{name}", "")))
             pending += 0 if camera.is_silent else len(camera.slots) - n_processed
+            pending += self._intake.n_pictures_awaited(name)
         return uses, pending
 
 

@@ -16,6 +16,7 @@ from surveilnav.services.fusion.intake.ranking import ViewRanking
 from surveilnav.services.fusion.intake.robot_positions import RobotPositions
 from surveilnav.services.fusion.intake.sources import InvokedCamera, Sources
 from surveilnav.services.fusion.intake.texts import TextEncoder
+from surveilnav.services.fusion.intake.wanted_pictures import WantedPictures
 from surveilnav.services.fusion.intake.words import SearchedWords
 from surveilnav.services.fusion.intake.workers import Workers
 from surveilnav.services.fusion.map_log.removal import Removal
@@ -37,15 +38,14 @@ class ViewIntake:
         self._views_per_step = settings.camera_views_per_step
         self.searches = CameraSearches()
         self._words = SearchedWords(node, settings.prompts, self.searches)
+        self._wanted = WantedPictures(self._words)
         self.positions = RobotPositions()
         ranking = ViewRanking(maps, self.positions)
-        self._sources = Sources(node, settings, maps, shard, self._words, self.searches, ranking)
+        self._sources = Sources(node, settings, maps, shard, self._words, self.searches, ranking, self._wanted)
         self._pictures = PictureCache(settings.picture_cache_mb << 20)
         self._workers = Workers(node)
         self.texts = TextEncoder(self._workers)
-        self._perception = PerceptionClient(
-            node, settings, self._workers, maps, self._words, ranking, self._sources.want_pictures
-        )
+        self._perception = PerceptionClient(node, settings, self._workers, maps, self._words, ranking, self._wanted)
         self._faulty: dict[ViewKey, PerceivedView] = {}
         self._perceived_for: tuple[frozenset[str], str] = frozenset(), ""  # words and embedding model of the last check
         self._words_s = 0.0
@@ -62,6 +62,11 @@ class ViewIntake:
     def is_perceiving(self, camera: str) -> bool:
         """Whether a view of a camera waits for perception, or for the maps. Safe from any thread."""
         return self._perception.has_views_of(f"camera/{camera}")
+
+    def n_pictures_awaited(self, camera: str) -> int:
+        """Of how many views of a camera that looks by itself pictures are wanted, and may come. Safe from any thread."""
+        invoked = self._sources.cameras.get(camera)
+        return 0 if invoked is None or invoked.gives_no_pictures else len(self._wanted.of(camera))
 
     @property
     def problem(self) -> str:

@@ -11,7 +11,7 @@ import hashlib
 import queue
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import msgspec
@@ -27,6 +27,7 @@ from surveilnav.sensing.views import PosedView, ViewPerception, looks_straight_d
 from surveilnav.services.fusion.building_maps import BuildingMaps
 from surveilnav.services.fusion.config import FusionSettings
 from surveilnav.services.fusion.intake.ranking import ViewRanking
+from surveilnav.services.fusion.intake.wanted_pictures import WantedPictures
 from surveilnav.services.fusion.intake.words import SearchedWords
 from surveilnav.services.fusion.intake.workers import Workers
 from surveilnav.services.fusion.map_log.removal import Removal
@@ -63,10 +64,9 @@ class PerceptionClient:
         maps: BuildingMaps,
         words: SearchedWords,
         ranking: ViewRanking,
-        want_pictures: Callable[[FrameHeader], None],
+        wanted: WantedPictures,
     ) -> None:
-        """``want_pictures`` is called with frames of cameras that sent none, and that didn't look for what is searched."""
-        self._want_pictures = want_pictures
+        self._wanted_pictures = wanted
         self._node, self._settings, self._workers = node, settings, workers
         self._maps, self._searched, self._ranking = maps, words, ranking
         self._lock = threading.Condition()
@@ -237,13 +237,12 @@ class PerceptionClient:
     def _perceived_by_camera(
         self, frame: Received[FrameHeader], view: PosedView, words: tuple[str, ...]
     ) -> PerceivedView:
-        """A frame of a camera that looks by itself. If it didn't look for all ``words``, its pictures are wanted as well."""
+        """A frame of a camera that looks by itself. Its pictures are wanted, too, if it didn't look for what is searched."""
         header, key, perception = frame.message, (frame.message.source, frame.message.view), None
         reply = perceived_reply(header, frame.payload)
         if reply is not None:
             perception = perception_from_wire(reply, header.camera)
-            if not set(words) <= set(perception.words):
-                self._want_pictures(header)
+            self._wanted_pictures.looked(key, perception.words)
         raw = msgspec.msgpack.encode(reply) if reply is not None else b""
         digest = _digest(frame, self._workers.embedder, words)
         return PerceivedView(key, header, view, perception, frame.payload, raw, digest, request_id=frame.request_id)

@@ -23,6 +23,7 @@ from surveilnav.services.fusion.intake.camera_searches import CameraSearches
 from surveilnav.services.fusion.intake.clocks import SourceClocks
 from surveilnav.services.fusion.intake.ranking import ViewRanking
 from surveilnav.services.fusion.intake.robot_positions import too_tall
+from surveilnav.services.fusion.intake.wanted_pictures import WantedPictures
 from surveilnav.services.fusion.intake.words import SearchedWords
 from surveilnav.services.fusion.map_log.removal import Removal
 from surveilnav.services.fusion.shard import Shard
@@ -41,7 +42,9 @@ class InvokedCamera:
         resend_at_s: when views that haven't arrived are requested again.
         patience_s: time until the next such request; it doubles each time.
         is_silent: whether the camera neither sends nor answers, so that nobody should wait for its views.
-        pictures_wanted: views of which it sent no pictures, and should; asked for at ``pictures_at_s`` (again).
+        pictures_at_s: when it is asked (again) for the pictures of views that it only told about; ``pictures_patience_s``: as
+            ``patience_s``.
+        gives_no_pictures: whether it didn't answer that.
         ordered_at_s: when it was last told in which order it should send what its budget makes wait.
     """
 
@@ -51,8 +54,9 @@ class InvokedCamera:
     resend_at_s: float = 0.0
     patience_s: float = 0.0
     is_silent: bool = False
-    pictures_wanted: set[int] = field(default_factory=set)
     pictures_at_s: float = 0.0
+    pictures_patience_s: float = 0.0
+    gives_no_pictures: bool = False
     ordered_at_s: float = 0.0
 
 
@@ -68,8 +72,9 @@ class Sources:
         words: SearchedWords,
         searches: CameraSearches,
         ranking: ViewRanking,
+        wanted: WantedPictures,
     ) -> None:
-        self._ranking = ranking
+        self._ranking, self._wanted = ranking, wanted
         self._node, self._settings, self._maps, self._words, self._searches = node, settings, maps, words, searches
         self._shard = shard
         self._config = maps.joint.config.map
@@ -82,7 +87,6 @@ class Sources:
         self._silent_prefetched: set[str] = set()
         self._floor_z_m: dict[str, float] = {}
         self._refreshed_s = 0.0
-        self._lock = threading.Lock()  # for the pictures that are wanted
         self.cameras: dict[str, InvokedCamera] = {}
 
     def infos(self) -> list[CameraInfo]:
@@ -118,14 +122,6 @@ class Sources:
             camera.arrived.clear()
             camera.patience_s, camera.resend_at_s = self._settings.resend_after_s, 0.0
         self._silent_prefetched.discard(name)
-
-    def want_pictures(self, header: FrameHeader) -> None:
-        """Has a camera that sends no pictures of a view send them from now on. Safe from any thread."""
-        camera = self.cameras.get(header.source.partition("/")[2])
-        if camera is None:
-            return
-        with self._lock:
-            camera.pictures_wanted.add(header.view)
 
     def _follow_robots(self) -> None:
         rows = self._statuses.rows(max_age_s=self._settings.robot_timeout_s)
@@ -172,8 +168,8 @@ class Sources:
                     camera.arrived.add(view)
                     camera.is_silent = False
                     if frame.message.tier not in PERCEIVED_TIERS:
-                        with self._lock:
-                            camera.pictures_wanted.discard(view)
+                        camera.gives_no_pictures = False
+                        self._wanted.came((f"camera/{name}", view))
                     camera.resend_at_s = time.monotonic() + self._settings.resend_after_s
                     frames.append(self._by_our_clock(frame))
         return frames
@@ -246,6 +242,7 @@ class Sources:
         for name in gone:
             for slot in self.cameras.pop(name).slots.values():
                 slot.close()
+            self._wanted.forget(f"camera/{name}")
             self._node.log.info("releases a camera", camera=name)
         return [f"camera/{name}" for name in gone]
 
@@ -282,20 +279,19 @@ class Sources:
                 continue
             camera.patience_s = min(2 * camera.patience_s, 60.0)
             camera.resend_at_s = now_s + camera.patience_s
-            threading.Thread(target=self._request, args=(camera, missing), name=f"resend-{name}", daemon=True).start()
+            request = CameraRequest(stamp_ns=clock_ns(), action="resend", views=missing)
+            threading.Thread(target=self._ask, args=(camera, request), name=f"resend-{name}", daemon=True).start()
 
     def _request_pictures(self, now_s: float) -> None:
         """Requests the pictures of views from cameras that sent what they see themselves, where that isn't enough."""
         for name, camera in self.cameras.items():
-            with self._lock:
-                views = sorted(camera.pictures_wanted)
-            if not views or now_s < camera.pictures_at_s:
+            if now_s < camera.pictures_at_s or not (views := self._wanted.of(name)):
                 continue
-            camera.pictures_at_s = now_s + self._settings.resend_after_s
+            camera.pictures_patience_s = min(2 * camera.pictures_patience_s or self._settings.resend_after_s, 60.0)
+            camera.pictures_at_s = now_s + camera.pictures_patience_s
             self._node.log.info("wants pictures of a camera that looks by itself", camera=name, views=len(views))
-            threading.Thread(
-                target=self._request, args=(camera, views, True), name=f"pictures-{name}", daemon=True
-            ).start()
+            request = CameraRequest(stamp_ns=clock_ns(), action="resend", views=views, pictures=True)
+            threading.Thread(target=self._ask, args=(camera, request), name=f"pictures-{name}", daemon=True).start()
 
     def _order_views(self, now_s: float) -> None:
         """Tells cameras with a budget which of their views may show most now, while more than one is missing."""
@@ -307,13 +303,13 @@ class Sources:
             request = CameraRequest(stamp_ns=clock_ns(), action="order", views=self._ranking.order(camera.info))
             threading.Thread(target=self._ask, args=(camera, request), name=f"order-{name}", daemon=True).start()
 
-    def _request(self, camera: InvokedCamera, views: list[int], pictures: bool = False) -> None:
-        self._ask(camera, CameraRequest(stamp_ns=clock_ns(), action="resend", views=views, pictures=pictures))
-
     def _ask(self, camera: InvokedCamera, request: CameraRequest) -> None:
-        info, views = camera.info, request.views
+        info = camera.info
         try:
             self._node.ask(CAMERA_REQUEST, request, floor=info.floor, camera=info.camera)
         except BusError as error:
-            camera.is_silent = True
-            self._node.warn_seldom("a camera doesn't send", camera=info.camera, views=len(views), error=str(error))
+            camera.gives_no_pictures |= request.pictures
+            camera.is_silent |= request.action == "resend" and not request.pictures
+            self._node.warn_seldom(
+                "a camera doesn't send", camera=info.camera, views=len(request.views), error=str(error)
+            )

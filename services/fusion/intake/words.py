@@ -26,11 +26,15 @@ class SearchedWords:
 
         A mission counts only while a planner is on the bus to continue it.
         """
-        searched = _valid_words(self._targets())
+        searched = self.targets()
         words = list(dict.fromkeys((*sorted(searched), *sorted(_valid_words(self._standing)))))
         if len(words) > MAX_WORDS:
             self._node.warn_seldom("too many words are searched for at once", left_out=len(words) - MAX_WORDS)
         return tuple(sorted(words[:MAX_WORDS]))
+
+    def targets(self) -> set[str]:
+        """What missions and searches with cameras look for now, without the standing list."""
+        return _valid_words(self._targets())
 
     @property
     def is_idle(self) -> bool:

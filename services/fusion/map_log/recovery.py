@@ -10,7 +10,7 @@ import msgspec
 from surveilnav.bus import Node
 from surveilnav.errors import WireError
 from surveilnav.messages import FrameHeader, InferReply
-from surveilnav.sensing.packing import decode_frame
+from surveilnav.sensing.packing import decode_frame, picture_jpeg
 from surveilnav.sensing.replies import perception_from_wire
 from surveilnav.services.fusion.building_maps import BuildingMaps
 from surveilnav.services.fusion.core.snapshot import SnapshotError, unpack
@@ -163,8 +163,11 @@ def perceived_from_entry(entry: Entry) -> PerceivedView:
 
 
 def jpeg_of(entry: Entry, seq: int) -> bytes | None:
-    """The JPEG of a logged view; None if its sequence number isn't ``seq``, or it has no JPEG."""
+    """The picture of a logged view as JPEG; None if its sequence number isn't ``seq``, or it has none that can be read."""
     header = _HEADER.decode(entry.header)
-    if header.seq != seq or not entry.payload or header.image.encoding != "jpeg":
+    if header.seq != seq or not entry.payload:
         return None
-    return bytes(entry.payload[: header.image.n_bytes])
+    try:
+        return picture_jpeg(header, entry.payload)
+    except WireError:
+        return None

@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 
 #: What is counted, in the order of columns.
 LINKS: Final = ("camera", "robot", "server", "simulation")
+#: Every node has reported within this time [s] of the first one.
+FIRST_S: Final = 60.0
 #: By step [s], how many are kept.
 KEPT: Final = {1: 3600, 60: 30 * 24 * 60}
 
@@ -62,22 +64,23 @@ class TrafficSeries:
 
     _rings: dict[int, _Ring] = field(default_factory=lambda: {s: _Ring.empty(s, n) for s, n in KEPT.items()})
     _totals: dict[str, tuple[int, ...]] = field(default_factory=dict)
+    _began_s: float | None = None
 
     def record(self, totals: dict[str, tuple[int, ...]], now_s: float) -> None:
         """Adds what was counted since the last call.
 
         Args:
             totals: by node, the bytes that it has offered by link since it started, in the order of ``LINKS``. A node that is
-                new, or whose totals have become smaller, has started since; its totals are what it has offered.
+                new, or whose totals have become smaller, has started since; its totals are what it has offered. But within
+                ``FIRST_S`` of the first call, nodes are new because they haven't reported before: what they sent is older.
         """
+        self._began_s = now_s if self._began_s is None else self._began_s
         news = np.zeros(len(LINKS), np.int64)
         for node, total in totals.items():
-            before = self._totals.get(node, (0,) * len(LINKS))
+            before = self._totals.get(node, total if now_s - self._began_s < FIRST_S else (0,) * len(LINKS))
             if any(now < then for now, then in zip(total, before, strict=True)):
                 before = (0,) * len(LINKS)
             news += np.subtract(total, before)
-        if not self._totals:  # what was before this gateway began isn't of this second
-            news[:] = 0
         self._totals |= totals
         if news.any():
             for ring in self._rings.values():

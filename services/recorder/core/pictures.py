@@ -9,6 +9,7 @@ from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 
 from surveilnav.messages import FrameHeader, LoggedView, Observation
+from surveilnav.sensing.packing import picture_jpeg
 from surveilnav.services.recorder.core.mcap_message import McapMessage, encode_foxglove
 from surveilnav.services.recorder.core.shapes import WORLD, to_pose, to_timestamp
 
@@ -22,16 +23,15 @@ def decode_header(view: LoggedView) -> FrameHeader:
 
 
 def view_messages(view: LoggedView, payload: bytes, log_ns: int) -> list[McapMessage]:
-    """The messages of a logged view; none if its picture couldn't be used. Raises msgspec.DecodeError for a bad header."""
+    """The messages of a logged view; none if its picture couldn't be used. Raises msgspec.DecodeError for a bad header,
+    WireError for a picture that can't be shown."""
     if not payload:
         return []
     header = decode_header(view)
     topic = f"/{view.source}" if isinstance(header, Observation) else f"/{view.source}/view_{view.view}"
     stamp, frame = to_timestamp(header.stamp_ns), topic.strip("/")
     camera_pose = to_pose(header.T_world_camera)
-    picture = CompressedImage(
-        timestamp=stamp, frame_id=frame, data=payload[: header.image.n_bytes], format=header.image.encoding
-    )
+    picture = CompressedImage(timestamp=stamp, frame_id=frame, data=picture_jpeg(header, payload), format="jpeg")
     transform = FrameTransform(
         timestamp=stamp,
         parent_frame_id=WORLD,

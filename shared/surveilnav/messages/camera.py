@@ -77,7 +77,8 @@ class CameraRequest(Message, frozen=True, kw_only=True):
     """A request to a camera. While it is paused it refuses all but "resume" as "paused".
 
     Attributes:
-        action: "resend": publish the views again; "order": what waits for the budget is wanted in this order; "thumbnail": answer with a JPEG of the first view; "pause" or "resume".
+        action: "resend": publish the views again; "order": what waits for the budget is wanted in this order; "thumbnail":
+            answer with a JPEG of the first view; "pause" or "resume".
         views: indices of the views; empty for "pause" and "resume".
         pictures: of "resend": the views are wanted with their pictures from now on, also by a camera that sends less than that.
         width_px: width of the thumbnail; 0: the largest that the camera's settings allow.

@@ -20,3 +20,8 @@ class BackendName(StrEnum):
     def too_large_for_camera(self) -> bool:
         """Whether its networks run only in the perception service, never in a camera node."""
         return self in (BackendName.PAPER, BackendName.YOLO_WORLD)
+
+    @property
+    def is_told(self) -> bool:
+        """Whether it is told a simulator's truth, and looks at no picture."""
+        return self in (BackendName.ORACLE, BackendName.SIMULATED)

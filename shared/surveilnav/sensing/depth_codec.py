@@ -92,7 +92,7 @@ def decode_depth(
     steps = np.cumsum(delta, axis=1, dtype=np.uint16)
     table = _depth_table(near, far, quantum_per_m)
     depth_m = table.take(steps, mode="wrap")  # the table has an entry for every step: no need to check them
-    return depth_m if divisor == 1 else _enlarged(depth_m, divisor, quantum_per_m)[:height_px, :width_px]
+    return depth_m if divisor == 1 else _enlarged(depth_m, divisor, quantum_per_m, (near, far))[:height_px, :width_px]
 
 
 def to_byte_planes(values: NDArray[np.uint16]) -> bytes:
@@ -124,10 +124,12 @@ def _cells(
     return np.where(enough, median, np.float32(0.0)).astype(np.float32), enough
 
 
-def _enlarged(cells_m: NDArray[np.float32], divisor: int, quantum_per_m: float) -> NDArray[np.float32]:
+def _enlarged(
+    cells_m: NDArray[np.float32], divisor: int, quantum_per_m: float, depth_range_m: tuple[float, float]
+) -> NDArray[np.float32]:
     """Depth of every pixel (rows * divisor, cols * divisor): between the centres of cells that continue one another it is
     interpolated, elsewhere it is that of the cell."""
-    rows, cols = cells_m.shape
+    (rows, cols), (near, far) = cells_m.shape, depth_range_m
     known = cells_m > 0
     inverse = np.where(known, 1.0 / np.where(known, cells_m, 1.0), np.nan).astype(np.float32)
     if rows > 1 and cols > 1:
@@ -152,7 +154,7 @@ def _enlarged(cells_m: NDArray[np.float32], divisor: int, quantum_per_m: float) 
             ]
             a, b, c, d = (x[:, None, :, None] for x in corner)
             value = (a * (1 - fx) + b * fx) * (1 - fy) + (c * (1 - fx) + d * fx) * fy
-            ok = smooth[squares][:, None, :, None] & (value > 0)
+            ok = smooth[squares][:, None, :, None] & (value >= 1.0 / far) & (value <= 1.0 / near)
             np.copyto(out[:, ys, :, xs], np.reciprocal(np.where(ok, value, np.float32(1.0))), where=ok)
     return out.reshape(rows * divisor, cols * divisor)
 

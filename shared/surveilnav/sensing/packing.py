@@ -104,6 +104,32 @@ def decode_frame(header: FrameHeader, payload: bytes) -> PosedView:
     )
 
 
+def picture_jpeg(header: FrameHeader, payload: bytes) -> bytes:
+    """The picture of a frame as a JPEG of the view's size, for people: an enlarged one if a smaller one was sent.
+
+    Raises:
+        WireError: it can't be decoded.
+    """
+    data = bytes(payload[: header.image.n_bytes])
+    if header.image.encoding == "jpeg" and header.tier not in PERCEIVED_TIERS:
+        return data
+    width_px, height_px = _png_size(data) if header.image.encoding == "png" else _jpeg_size(data)
+    check_pixels(header.camera.width_px, header.camera.height_px)
+    rgb = (
+        decode_png(data, width_px, height_px)
+        if header.image.encoding == "png"
+        else decode_jpeg(data, width_px, height_px)
+    )
+    return encode_jpeg(_enlarged(rgb, header.camera))
+
+
+def _enlarged(rgb: NDArray[np.uint8], camera: Pinhole) -> NDArray[np.uint8]:
+    size = camera.width_px, camera.height_px
+    return (
+        rgb if rgb.shape[1::-1] == size else np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_LINEAR), np.uint8)
+    )
+
+
 def decode_rgbd(
     payload: bytes,
     image: PayloadPart,
@@ -123,10 +149,7 @@ def decode_rgbd(
     width_px, height_px = check_rgbd(payload, image, depth, camera, is_reduced=is_reduced)
     data = payload[: image.n_bytes]
     rgb = decode_png(data, width_px, height_px) if image.encoding == "png" else decode_jpeg(data, width_px, height_px)
-    if rgb.shape[:2] != (camera.height_px, camera.width_px):
-        size = camera.width_px, camera.height_px
-        rgb = np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_LINEAR), np.uint8)
-    return rgb, decode_depth(
+    return _enlarged(rgb, camera), decode_depth(
         payload[image.n_bytes :],
         camera.width_px,
         camera.height_px,

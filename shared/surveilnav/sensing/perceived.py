@@ -27,6 +27,8 @@ from surveilnav.sensing.replies import MAX_DETECTIONS
 from surveilnav.sensing.views import DetectedObject, ViewPerception, box_cells
 
 _MAX_BYTES: Final = 4 << 20
+#: Masks of all detections together, in pictures.
+_MAX_MASKS: Final = 32
 _STEPS: Final = 254
 _NO_CHANCE: Final = 255
 #: Steps of an embedding's component up to the largest one. 127 would take a third more bytes.
@@ -123,6 +125,12 @@ def _detections(packed: _Packed, camera: Pinhole, divisor: int) -> list[Detectio
     sizes = len(packed.scores), len(packed.chances), len(packed.boxes_px) // 8, len(packed.masks)
     if set(sizes) != {n} or len(packed.boxes_px) % 8:
         raise WireError(f"expected facts about {n} detections, got {sizes}")
+    areas = np.frombuffer(packed.boxes_px, "<u2").reshape(n, 4).astype(np.int64)
+    area_px = sum(
+        int(max(x1 - x0, 0) * max(y1 - y0, 0)) for (x0, y0, x1, y1), m in zip(areas, packed.masks, strict=True) if m
+    )
+    if area_px > _MAX_MASKS * camera.width_px * camera.height_px:
+        raise WireError(f"the masks of a view cover it up to {_MAX_MASKS} times, got {area_px} pixels")
     boxes = [tuple(map(int, box)) for box in np.frombuffer(packed.boxes_px, "<u2").reshape(n, 4)]
     embeddings = _embeddings(packed)[1:]
     return [

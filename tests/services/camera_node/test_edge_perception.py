@@ -15,13 +15,14 @@ from pydantic import ValidationError
 
 from surveilnav.contract import CAMERA_FRAME, CAMERA_REQUEST, CAMERA_SUMMARY, TRAFFIC
 from surveilnav.errors import PerceptionError
-from surveilnav.messages import CameraRequest
+from surveilnav.messages import CameraRequest, ModelIds
 from surveilnav.perception.names import BackendName
 from surveilnav.perception.vocabulary import COCO
 from surveilnav.sensing.views import DetectedObject, ViewPerception
 from surveilnav.services.camera_node import edge_perception as edge_perception_module
 from surveilnav.services.camera_node.config import CameraSettings
 from surveilnav.services.camera_node.edge_perception import EdgePerception, open_edge_perception
+from surveilnav.services.camera_node.own_perception import OwnPerception
 from surveilnav.services.camera_node.service import CameraService
 from surveilnav.simulator.truth.backends import Oracle
 from tests.waiting import patient, until
@@ -33,6 +34,7 @@ class Watcher:
     """A real backend as far as anybody can tell: it gets no truth, and says what the test wants."""
 
     name, why, embedding_dim, needs_truth, may_know = "watcher", "a test", 81, False, False
+    models = ModelIds()
 
     def __init__(self, labels=("tv",), hold=None, fails=0):
         self.labels, self.hold, self.fails, self.looks, self.nice = labels, hold, fails, [], None
@@ -59,7 +61,8 @@ def start(camera_node, make_camera):
     opened = []
 
     def start(backend, settings=QUICK, busy=lambda: False, camera=None):
-        perception = EdgePerception(camera_node, camera or make_camera(), settings, lambda: backend, busy)
+        watched = camera or make_camera()
+        perception = EdgePerception(camera_node, watched, settings, OwnPerception(watched, lambda: backend), busy)
         opened.append(perception)
         perception.start()
         return perception
@@ -233,9 +236,12 @@ def test_a_camera_takes_every_backend_s_name_and_no_other():
 
 
 def test_who_does_not_choose_a_floor_loads_no_detector(camera_node, make_camera):
+    camera = make_camera()
+    own = OwnPerception(camera, Oracle)
+
     def opened(n_floors, **settings):
         return open_edge_perception(
-            camera_node, make_camera(), CameraSettings(**settings), n_floors=n_floors, load=Oracle, busy=lambda: False
+            camera_node, camera, CameraSettings(**settings), own=own, n_floors=n_floors, busy=lambda: False
         )
 
     for name in ("paper", "yolo-world"):

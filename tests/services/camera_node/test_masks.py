@@ -16,13 +16,14 @@ from hypothesis import strategies as st
 from surveilnav.contract import CAMERA_FRAME, CAMERA_REQUEST, CAMERA_SUMMARY, TRUTH
 from surveilnav.errors import ConfigError
 from surveilnav.geometry.polygon import pixels_in
-from surveilnav.messages import CameraRequest
+from surveilnav.messages import CameraRequest, ModelIds
 from surveilnav.sensing.packing import decode_frame
 from surveilnav.sensing.truth import truth_to_wire
 from surveilnav.sensing.views import DetectedObject, TrueInstances, ViewPerception
 from surveilnav.services.camera_node.config import CameraSettings
 from surveilnav.services.camera_node.edge_perception import EdgePerception
 from surveilnav.services.camera_node.frames import FrameEncoder
+from surveilnav.services.camera_node.own_perception import OwnPerception
 from surveilnav.services.camera_node.service import CameraService
 from surveilnav.services.camera_node.sources.masked import MaskedSource, hide_mask_zones
 from surveilnav.services.camera_node.sources.source import Picture
@@ -96,7 +97,7 @@ def camera_settings(tmp_path):
 class Gossip:
     """A backend that tells all it sees: every pixel changes what it says."""
 
-    name, why, embedding_dim, needs_truth = "gossip", "a test", 81, True
+    name, why, embedding_dim, needs_truth, models = "gossip", "a test", 81, True, ModelIds()
 
     def perceive(self, rgb, depth_m, camera, *, prompts=(), truth=None, key=()):
         numbers = [rgb.astype(int).sum(), np.nansum(depth_m), (truth.ids == 1).sum(), (truth.ids == 2).sum()]
@@ -144,7 +145,7 @@ def test_its_own_eyes_see_nothing_of_the_zones(camera_node, make_node, camera_se
     summaries = client.latest(CAMERA_SUMMARY, **PLACE)
     said = []
     for building in pair([ZONE]):
-        perception = EdgePerception(camera_node, building, camera_settings, Gossip)
+        perception = EdgePerception(camera_node, building, camera_settings, OwnPerception(building, Gossip))
         for view in range(12):
             perception._examined_s = -1e9
             perception._examine(view)

@@ -15,6 +15,8 @@ from surveilnav.sensing.packing import decode_frame
 from surveilnav.sensing.perceived import perceived_reply
 from surveilnav.sensing.views import DetectedObject, ViewPerception
 from surveilnav.services.camera_node.config import CameraSettings
+from surveilnav.services.camera_node.core.budget import TokenBucket
+from surveilnav.services.camera_node.own_perception import OwnPerception
 from surveilnav.services.camera_node.service import CameraService
 from tests.waiting import patient, until
 
@@ -23,12 +25,12 @@ UNIT = np.eye(8, dtype=np.float32)
 
 
 class Looking(Backend):
-    """Sees a bed everywhere; ``fails`` so many times before."""
+    """Sees a bed everywhere; ``fails`` so many times before, with an ``error``."""
 
     name, needs_truth, models = "looking", False, ModelIds(embedder="a space")
 
-    def __init__(self, fails: int = 0) -> None:
-        self.looks, self.fails = [], fails
+    def __init__(self, fails: int = 0, error: Exception | None = None) -> None:
+        self.looks, self.fails, self.error = [], fails, error
 
     @property
     def stages(self):
@@ -41,7 +43,7 @@ class Looking(Backend):
         assert truth is None
         self.looks.append(key[1])
         if len(self.looks) <= self.fails:
-            raise PerceptionError("out of sorts")
+            raise self.error
         bed = DetectedObject("bed", 0.9, (8.0, 8.0, 40.0, 40.0), None, UNIT[0], 0.9)
         return ViewPerception("looking", (bed,), UNIT[1], "a space", ("bed", "tv"))
 
@@ -51,14 +53,23 @@ def client(make_node):
     return patient(make_node("test", "t", alive=False))
 
 
+def listen(client, views):
+    """The headers of all frames of these views that come from now on."""
+    headers = []
+    for view in views:
+        client.subscribe(CAMERA_FRAME, lambda frame: headers.append(frame.message), **PLACE, view=view)
+    return headers
+
+
 @pytest.fixture
 def start(camera_node, client, make_camera):
     """``start(backend, **settings)``: a camera service to whose first views somebody listens, and the slots of these."""
 
     def start(backend, views=(3,), **settings):
-        service = CameraService(
-            camera_node, make_camera(), CameraSettings(perception="compact", **settings), lambda: backend
-        )
+        camera = make_camera()
+        own = OwnPerception(camera, lambda: backend)
+        service = CameraService(camera_node, camera, CameraSettings(perception="compact", **settings), own)
+        service.camera = camera
         slots = {v: client.latest(CAMERA_FRAME, **PLACE, view=v) for v in views}
         until(lambda: all(service._sender._frames[v].matched for v in views))
         return service, slots
@@ -106,8 +117,9 @@ def test_whoever_wants_the_pictures_gets_them_as_long_as_it_listens(start, clien
     assert until(again.poll).message.tier == "features"
 
 
-def test_a_camera_that_cant_look_by_itself_sends_pictures(start, camera_node):
-    service, slots = start(Looking(fails=99), tier="features")
+@pytest.mark.parametrize("error", [PerceptionError("out of sorts"), RuntimeError("of ONNX Runtime")])
+def test_a_camera_that_cant_look_by_itself_sends_pictures(start, camera_node, error):
+    service, slots = start(Looking(fails=99, error=error), tier="features")
     service.step()
     assert until(slots[3].poll).message.tier == "jpeg+depth"
     assert camera_node.traffic.rejected() == {"own perception": 1}
@@ -145,29 +157,83 @@ def test_a_small_budget_is_kept_and_nothing_is_lost(start):
 
 def test_auto_sends_objects_first_and_features_when_nothing_waits(start, client):
     """Six views of 9 kB would take longer than the 14 kB of the burst and 35 kB in five seconds."""
-    seen = {v: [] for v in range(6)}
-    client.subscribe(CAMERA_FRAME, lambda frame: seen[frame.message.view].append(frame.message.tier))
+    frames = listen(client, range(6))
     service, _ = start(Looking(), views=range(6), tier="auto", budget_kb_s=7.0)
 
     def settled():
         service.step()
-        return all(tiers and tiers[-1] == "features" for tiers in seen.values())
+        return {f.view for f in frames if f.tier == "features"} == set(range(6))
 
     until(settled)
-    assert seen[0] == ["objects", "features"]
+    assert [f.tier for f in frames if f.view == 0] == ["objects", "features"]
+
+
+@pytest.mark.parametrize("budget_kb_s", [0.3, 1.0])
+def test_auto_with_a_tiny_budget_ends_with_features_too(start, client, budget_kb_s):
+    """However long the features of a view take: they are sent once, and then nothing."""
+    frames = listen(client, [3])
+    service, _ = start(Looking(), tier="auto", budget_kb_s=budget_kb_s)
+
+    def pay() -> bool:
+        service.step()
+        service._sender._bucket = TokenBucket.full(1000 * budget_kb_s, time.monotonic())
+        return [f.tier for f in frames][-1:] == ["features"]
+
+    until(pay)
+    assert [f.tier for f in frames] == ["objects", "features"]
+    for _ in range(5):
+        assert not service.step()
+
+
+def test_a_view_that_changes_often_keeps_no_other_from_being_sent(start, client):
+    frames = listen(client, range(3))
+    service, _ = start(Looking(), views=range(3), tier="jpeg+depth", budget_kb_s=0.001)
+    for n in range(6):
+        service.camera.versions[0] += 1
+        until(service.step)
+        until(lambda n=n: len(frames) == n + 1)
+        service._sender._bucket = TokenBucket.full(1.0, time.monotonic())
+    assert [f.view for f in frames][:4] == [0, 1, 2, 0]
+
+
+def test_a_jpeg_that_is_wanted_whole_isnt_sent_again_and_again(start, client):
+    service, _ = start(Looking(), tier="jpeg")
+    service.step()
+    client.ask(CAMERA_REQUEST, CameraRequest(stamp_ns=1, action="resend", views=[3], pictures=True), **PLACE)
+    assert service.step()
+    assert not service.step()
+
+
+def test_who_is_paused_sends_nothing_more_of_what_was_due(start, client):
+    """Paused while the second of five views is looked at."""
+    frames, backend = listen(client, range(5)), Looking()
+    service, _ = start(backend, views=range(5), tier="features")
+    see = backend.perceive
+
+    def pause_then(*args, **more):
+        if len(backend.looks) == 1:
+            service.paused = True
+        return see(*args, **more)
+
+    backend.perceive = pause_then
+    service.step()
+    assert not service.step()
+    time.sleep(0.3)
+    assert [f.view for f in frames] == [0]
+    service.paused = False
+    until(lambda: service.step() or len(frames) == 6)
 
 
 def test_what_the_budget_makes_wait_comes_in_the_order_that_is_wanted(start, client):
     """One frame empties the bucket of 2 B; then the last view of the order is waited for."""
-    got = []
-    client.subscribe(CAMERA_FRAME, lambda frame: got.append(frame.message.view))
+    frames = listen(client, range(4))
     service, _ = start(Looking(), views=range(4), tier="features", budget_kb_s=0.001)
     client.ask(CAMERA_REQUEST, CameraRequest(stamp_ns=1, action="order", views=[2, 0]), **PLACE)
     for n in range(1, 5):
-        until(lambda n=n: service.step() or len(got) == n)
-        until(lambda n=n: len(got) == n)
+        until(lambda n=n: service.step() or len(frames) == n)
+        until(lambda n=n: len(frames) == n)
         service._sender._bucket = service._sender._bucket.without(-10_000)  # the debt is paid
-    assert got == [2, 0, 1, 3]
+    assert [f.view for f in frames] == [2, 0, 1, 3]
 
 
 def test_people_are_told_the_tier(start, client):

@@ -144,6 +144,8 @@ class Camera:
         if self.paused:
             raise Refused("paused", "a person has paused it")
         (self.pictures if request.message.pictures else self.asked).append(list(request.message.views))
+        if request.message.pictures:
+            return Answer(Ack(stamp_ns=clock_ns()))
         for view in request.message.views:
             self.send(view)
         return Answer(Ack(stamp_ns=clock_ns()))
@@ -336,20 +338,26 @@ def test_what_a_camera_sees_itself_goes_into_the_maps_without_asking_perception(
     assert any("camera/c" in {h.source for h in o.history} for o in found)
 
 
-def test_pictures_are_wanted_of_a_camera_that_didnt_look_for_what_is_searched(scene):
+@pytest.mark.parametrize("open_vocabulary", [True, False])
+def test_pictures_are_wanted_of_a_camera_that_didnt_look_for_what_is_searched(scene, open_vocabulary):
     worker, camera = scene.worker(), scene.camera()
-    worker.open_vocabulary = True
+    worker.open_vocabulary = open_vocabulary
     camera.encoded = {v: seen_by_camera(camera.views[v]) for v in (0, 1)}
-    scene.start(prompts=["ladder"])
+    scene.start(prompts=["shelf"])
     scene.robot.observe()
     until(lambda: camera.invoked)
     camera.send(0)
     camera.send(1)
-    until(lambda: {0, 1} <= {v for views in camera.pictures for v in views})
-    camera.encoded = {}
-    camera.send(0)
-    camera.send(1)
-    until(lambda: {("camera/c", 0, 0), ("camera/c", 1, 0)} <= set(worker.seen))
+    until(lambda: (r := scene.revision()) and r.cameras and r.pending_views == 0)
+    assert camera.pictures == [], "for words that are only looked for in passing, no pictures are sent"
+    with scene.service._intake.searches.open("ladder", None):
+        until(lambda: {0, 1} <= {v for views in camera.pictures for v in views})
+        until(lambda: scene.revision().pending_views == 2)
+        camera.encoded = {}
+        camera.send(0)
+        camera.send(1)
+        until(lambda: {("camera/c", 0, 0), ("camera/c", 1, 0)} <= set(worker.seen))
+        until(lambda: scene.revision().pending_views == 0)
 
 
 def test_surveillance_can_be_switched_off(scene):

@@ -10,7 +10,7 @@ import pytest
 import structlog
 
 from surveilnav import contract
-from surveilnav.bus import Received, clock_ns
+from surveilnav.bus import Received, Unanswered, clock_ns
 from surveilnav.geometry import Pinhole, Pose
 from surveilnav.messages import CameraInfo, CameraViewInfo, FrameHeader, RobotDescription
 from surveilnav.messages.view import PayloadPart
@@ -20,6 +20,7 @@ from surveilnav.services.fusion.core import FusionConfig
 from surveilnav.services.fusion.intake import sources as module
 from surveilnav.services.fusion.intake.camera_searches import CameraSearches
 from surveilnav.services.fusion.intake.sources import Sources
+from surveilnav.services.fusion.intake.wanted_pictures import WantedPictures
 from surveilnav.services.fusion.shard import WHOLE_BUILDING, Shard
 from tests.waiting import until
 
@@ -131,9 +132,18 @@ class Followed:
         self.node.robots("r")
         self.maps, self.words = BuildingMaps(FusionConfig()), SimpleNamespace(is_idle=True)
         self.searches = CameraSearches()
+        self.wanted = WantedPictures(SimpleNamespace(targets=lambda: self.targets))
+        self.targets: set[str] = set()
         self.ranking = SimpleNamespace(order=lambda info: [v.view for v in reversed(info.views)])
         self.sources = Sources(
-            self.node, FusionSettings(**settings), self.maps, shard, self.words, self.searches, self.ranking
+            self.node,
+            FusionSettings(**settings),
+            self.maps,
+            shard,
+            self.words,
+            self.searches,
+            self.ranking,
+            self.wanted,
         )
         self.look()
         self.says()
@@ -320,3 +330,42 @@ def test_cameras_with_a_budget_are_told_which_views_are_wanted_first(followed, b
     followed.look()
     until(lambda: not any(t.name.startswith("order-") for t in threading.enumerate()))
     assert [r.views for r in asked if r.action == "order"] == orders
+
+
+def test_pictures_are_asked_for_of_views_that_werent_looked_at_for_what_is_searched(followed):
+    asked = []
+    followed.node.ask = lambda stream, request, **ids: asked.append(request)
+    followed.node.camera("c", views=(0, 1, 2))
+    followed.look()
+    for view, words in ((0, ["tv"]), (1, ["tv", "ladder"])):
+        followed.wanted.looked(("camera/c", view), words)
+    followed.look()
+    assert asked == [], "nothing is searched"
+    followed.targets = {"ladder"}
+    followed.look()
+    followed.look()
+    until(lambda: asked)
+    assert [(r.views, r.pictures) for r in asked] == [([0], True)]
+    assert followed.wanted.of("c") == [0]
+    followed.wanted.came(("camera/c", 0))
+    assert followed.wanted.of("c") == []
+    followed.wanted.looked(("camera/c", 0), ["tv"])
+    followed.wanted.forget("camera/c")
+    assert followed.wanted.of("c") == []
+
+
+def test_a_camera_that_doesnt_answer_for_pictures_isnt_silent(followed):
+    """It has sent all its views: only pictures of them aren't waited for."""
+
+    def fails(stream, request, **ids):
+        raise Unanswered("nobody")
+
+    followed.node.ask = fails
+    followed.node.camera("c")
+    followed.look()
+    followed.wanted.looked(("camera/c", 0), ["tv"])
+    followed.targets = {"ladder"}
+    followed.look()
+    camera = followed.sources.cameras["c"]
+    until(lambda: camera.gives_no_pictures)
+    assert not camera.is_silent

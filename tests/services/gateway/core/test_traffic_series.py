@@ -7,14 +7,15 @@ from collections import Counter
 
 import pytest
 
-from surveilnav.services.gateway.core.traffic_series import KEPT, TrafficSeries
+from surveilnav.services.gateway.core.traffic_series import FIRST_S, KEPT, TrafficSeries
 
 NOTHING = (0, 0, 0, 0)
 
 
 def started(at_s: float = 0.0) -> TrafficSeries:
+    """A series that has run long enough for every node to have reported."""
     series = TrafficSeries()
-    series.record({"a": NOTHING}, at_s)
+    series.record({"a": NOTHING}, at_s - FIRST_S)
     return series
 
 
@@ -33,7 +34,10 @@ def test_what_was_before_the_beginning_is_no_news():
     series = TrafficSeries()
     series.record({"a": (1000, 0, 0, 0)}, 5.0)
     series.record({"a": (1001, 0, 0, 0)}, 6.0)
-    assert series.since(1, 0, 10) == [(6, (1, 0, 0, 0))]
+    series.record({"a": (1001, 0, 0, 0), "b": (5_000_000, 0, 0, 0)}, 34.0)  # which reports every half minute
+    series.record({"a": (1001, 0, 0, 0), "b": (5_000_002, 0, 0, 0)}, 64.0)
+    series.record({"c": (7, 0, 0, 0)}, 66.0)
+    assert series.since(1, 0, 100) == [(6, (1, 0, 0, 0)), (64, (2, 0, 0, 0)), (66, (7, 0, 0, 0))]
 
 
 def test_a_node_that_is_new_or_began_anew_brings_all_that_it_has_counted():
