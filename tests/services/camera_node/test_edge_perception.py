@@ -96,13 +96,14 @@ def test_the_next_run_knows_what_was_seen_unless_the_truth_was_told(
     first, second, other = Watcher(), Watcher(), Watcher()
     for watcher in (first, second, other):
         watcher.needs_truth, watcher.may_know = needs_truth, needs_truth
-    start(first, camera=make_camera(scene="home"))
+    settings = QUICK if needs_truth else QUICK.model_copy(update={"perception": "compact"})
+    start(first, settings, camera=make_camera(scene="home"))
     until(lambda: len(first.looks) == 12)
     heard = summaries(make_node("test", "t", alive=False))
-    start(second, camera=make_camera(scene="home"))
+    start(second, settings, camera=make_camera(scene="home"))
     until(lambda: next((r for r in heard.messages if r.message.labels.get("tv") == 0.61), None))
     until(lambda: sorted(second.looks) == looks_again)
-    start(other, camera=make_camera(scene="another"))
+    start(other, settings, camera=make_camera(scene="another"))
     until(lambda: len(other.looks) == 12)
 
 
@@ -110,9 +111,10 @@ def test_the_next_run_knows_what_was_seen_unless_the_truth_was_told(
 def test_other_eyes_look_themselves(start, make_camera, tmp_path, monkeypatch, other):
     monkeypatch.setenv("SURVEILNAV_CACHE_DIR", str(tmp_path))
     first, second = Watcher(), Watcher()
-    start(first, camera=make_camera(scene="home"))
+    usual = QUICK.model_copy(update={"perception": "compact"})
+    start(first, usual, camera=make_camera(scene="home"))
     until(lambda: len(first.looks) == 12)
-    settings = QUICK.model_copy(update={"perception": "compact"}) if other == "perception" else QUICK
+    settings = QUICK.model_copy(update={"perception": "onnx-coco"}) if other == "perception" else usual
     if other == "weights":
         monkeypatch.setattr(edge_perception_module.models, "small_weights", lambda: ("compact@another",))
     if other == "program":
@@ -123,10 +125,10 @@ def test_other_eyes_look_themselves(start, make_camera, tmp_path, monkeypatch, o
 
 def test_a_busy_camera_tells_nothing_of_what_it_saw_in_an_earlier_run(start, make_camera, tmp_path, monkeypatch):
     monkeypatch.setenv("SURVEILNAV_CACHE_DIR", str(tmp_path))
-    first = Watcher()
-    start(first, camera=make_camera(scene="home"))
+    first, settings = Watcher(), QUICK.model_copy(update={"perception": "compact"})
+    start(first, settings, camera=make_camera(scene="home"))
     until(lambda: len(first.looks) == 12)
-    paused = start(Watcher(), busy=lambda: True, camera=make_camera(scene="home"))
+    paused = start(Watcher(), settings, busy=lambda: True, camera=make_camera(scene="home"))
     time.sleep(0.3)
     assert paused._examined == {}
 

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import zstandard
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
 
 from surveilnav.errors import WireError
-from surveilnav.sensing.depth_codec import decode_depth, encode_depth
+from surveilnav.sensing.depth_codec import decode_depth, encode_depth, to_byte_planes
 
 RANGE_M = (0.3, 10.0)
 
@@ -98,6 +100,28 @@ def test_numbers_that_make_no_sense_are_refused(divisor, quantum_per_m):
     data = encode_depth(np.full((64, 64), 2.0, np.float32), RANGE_M, divisor=8)
     with pytest.raises(WireError):
         decode_depth(data, 64, 64, RANGE_M, divisor=divisor, quantum_per_m=quantum_per_m)
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    st.integers(1, 64),
+    hnp.arrays(np.uint16, hnp.array_shapes(min_dims=2, max_dims=2, max_side=6)),
+    st.sampled_from([0.001, 0.006, 0.1]),
+)
+def test_whatever_the_cells_hold_depth_stays_in_range(divisor, folded, quantum_per_m):
+    """Steps that no honest sender would write, well compressed."""
+    rows, cols = folded.shape
+    data = zstandard.compress(to_byte_planes(folded))
+    depth_m = decode_depth(data, cols * divisor, rows * divisor, RANGE_M, divisor=divisor, quantum_per_m=quantum_per_m)
+    known = depth_m[depth_m != 0]
+    assert np.isfinite(known).all()
+    assert ((known >= RANGE_M[0] * 0.999) & (known <= RANGE_M[1] * 1.001)).all()
+
+
+def test_a_wall_isnt_continued_beyond_the_range():
+    """An oblique wall that leaves the range within the outermost cell."""
+    inverse = np.tile(np.linspace(0.14, 0.1, 64), (64, 1))
+    assert back((1.0 / inverse).astype(np.float32), 16).max() <= RANGE_M[1]
 
 
 def test_data_of_another_divisor_is_refused():

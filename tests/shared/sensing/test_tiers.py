@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from surveilnav.errors import WireError
 from surveilnav.geometry import Pinhole, Pose, camera_pose
 from surveilnav.messages import PERCEIVED_TIERS, FrameHeader, ModelIds, PayloadPart, Tier
-from surveilnav.sensing.packing import decode_frame
+from surveilnav.sensing.packing import decode_frame, decode_jpeg, picture_jpeg
 from surveilnav.sensing.perceived import perceived_reply
 from surveilnav.sensing.replies import perception_from_wire
 from surveilnav.sensing.tiers import EncodedView, Seen, encode_view
@@ -225,6 +225,33 @@ def test_lies_about_what_was_seen_are_refused(lie):
     header, payload = repacked(LIES[lie])
     with pytest.raises(WireError):
         perception_from_wire(perceived_reply(header, payload), CAMERA)
+
+
+def test_masks_that_cover_the_picture_too_often_are_refused_before_they_are_made(monkeypatch):
+    """A few hundred bytes would else take gigabytes."""
+
+    def many(fields):
+        fields[LABELS], n = [2] * 40, 40
+        fields[SCORES], fields[5] = bytes(n), bytes(n)
+        fields[BOXES] = np.array([0, 0, 200, 160] * n, "<u2").tobytes()
+        fields[EMBEDDINGS] = bytes([1] * 128 * (n + 1))
+        fields[MASKS] = [[0, 500]] * n
+
+    header, payload = repacked(many)
+    monkeypatch.setattr("surveilnav.sensing.perceived.rle.decode", lambda *a: pytest.fail("a mask was made"))
+    with pytest.raises(WireError, match="32 times"):
+        perceived_reply(header, payload)
+
+
+@pytest.mark.parametrize("tier", TIERS)
+def test_people_are_shown_a_jpeg_of_the_views_size(tier):
+    header, payload = encoded(tier)
+    jpeg = picture_jpeg(header, payload)
+    assert decode_jpeg(jpeg, 200, 160).shape == RGB.shape
+    if tier in ("jpeg", "jpeg+depth"):
+        assert jpeg == payload[: header.image.n_bytes]
+    with pytest.raises(WireError):
+        picture_jpeg(msgspec.structs.replace(header, tier="raw", image=PayloadPart("png", 20)), payload)
 
 
 def test_the_lies_are_what_is_refused():
