@@ -30,6 +30,8 @@ FRAME_FIELDS = {
     "clock",
     "depth_source",
     "depth_uncertainty",
+    "tier",
+    "perceived",  # what the camera's own perception saw, as a worker's reply says it
     "scan",  # of a real robot's laser scanner
 }
 ODOMETRY_FIELDS = {"T_world_base", "last_action", "collided", "path_m"}
@@ -43,7 +45,7 @@ def test_frames_carry_pixels_depth_and_poses_only():
     assert fields(FrameHeader) == FRAME_FIELDS
     assert fields(Observation) == FRAME_FIELDS | ODOMETRY_FIELDS
     encodings = msgspec.json.schema(FrameHeader)["$defs"]["PayloadPart"]["properties"]["encoding"]["enum"]
-    assert sorted(encodings) == ["depth-invq-zstd", "jpeg"]
+    assert sorted(encodings) == ["depth-invq-zstd", "jpeg", "perceived-zstd", "png"]
 
 
 def test_a_request_to_perception_carries_no_truth():
@@ -83,7 +85,7 @@ def test_a_request_to_perception_carries_no_truth():
 
 #: Where instance ids pass: from a simulated source or body over the key to the backends that need them.
 TRUTH_USERS = {
-    "camera_node/service.py",
+    "camera_node/view_sender.py",
     "camera_node/sources/simulated.py",
     "camera_node/sources/source.py",
     "perception/truth_channel.py",
