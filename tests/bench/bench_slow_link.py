@@ -152,6 +152,7 @@ def counted(s: System) -> tuple[int, int]:
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(1200)
 def test_counts_against_the_kernel(tmp_path, home_cache, monkeypatch):
     seconds = float(os.environ.get("SECONDS", "600"))
     with slow_link("1gbit") as link, starting(tmp_path, home_cache) as start:
