@@ -83,6 +83,7 @@ class ViewSender:
             self._state, versions=versions, matched=matched, requested=self._asked, paused=paused
         )
         self._tiers = {v: tier for v, tier in self._tiers.items() if v in self._state.sent}
+        self._sent_s = {v: at_s for v, at_s in self._sent_s.items() if v in matched}
         better = {} if due else views_to_improve(self._choice, self._tiers, self._whole, self._refilled())
         left = self._in_turn(due) if due else list(better)
         n, self.sending = len(left), bool(left)
