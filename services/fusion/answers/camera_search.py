@@ -65,7 +65,7 @@ class CameraSearchAnswers:
         invoked = self._intake.cameras.get(info.camera)
         if invoked is not None and invoked.is_silent:
             return False
-        is_missing = self._n_processed(info) < len(info.views) or self._intake.n_pictures_awaited(info.camera) > 0
+        is_missing = self._n_processed(info) < len(info.views) or self._intake.awaits_pictures(info.camera)
         return is_missing or self._intake.is_perceiving(info.camera)
 
     def _n_processed(self, info: CameraInfo) -> int:

@@ -94,6 +94,7 @@ class Revisions:
     def _camera_use(self, floor_z_m: float) -> tuple[list[CameraUse], int]:
         """The active cameras of a floor (eq. 1), and the number of their views that are still to come."""
         uses, pending = [], 0
+        awaited = self._intake.pictures_awaited()
         with self._maps.lock:
             reasons = self._maps.joint.quarantine.reasons()
         for name in active_cameras([floor_z_m], [c.info for c in self._intake.cameras.values()], self._tau_z_m):
@@ -101,7 +102,7 @@ class Revisions:
             n_processed = len(self._maps.processed.views_of(name) & set(camera.slots))
             uses.append(CameraUse(name, n_processed, len(camera.slots), reasons.get(f"camera/{name}", "")))
             pending += 0 if camera.is_silent else len(camera.slots) - n_processed
-            pending += self._intake.n_pictures_awaited(name)
+            pending += awaited.get(name, 0)
         return uses, pending
 
 

@@ -63,10 +63,16 @@ class ViewIntake:
         """Whether a view of a camera waits for perception, or for the maps. Safe from any thread."""
         return self._perception.has_views_of(f"camera/{camera}")
 
-    def n_pictures_awaited(self, camera: str) -> int:
-        """Of how many views of a camera that looks by itself pictures are wanted, and may come. Safe from any thread."""
+    def awaits_pictures(self, camera: str) -> bool:
+        """Whether pictures of a camera that looks by itself are wanted and may come. Safe from any thread."""
         invoked = self._sources.cameras.get(camera)
-        return 0 if invoked is None or invoked.gives_no_pictures else len(self._wanted.of(camera))
+        return invoked is not None and not invoked.gives_no_pictures and bool(self._wanted.of(camera))
+
+    def pictures_awaited(self) -> dict[str, int]:
+        """By such camera, of how many views. Safe from any thread."""
+        return {
+            camera: len(views) for camera, views in self._wanted.by_camera().items() if self.awaits_pictures(camera)
+        }
 
     @property
     def problem(self) -> str:

@@ -284,8 +284,9 @@ class Sources:
 
     def _request_pictures(self, now_s: float) -> None:
         """Requests the pictures of views from cameras that sent what they see themselves, where that isn't enough."""
-        for name, camera in self.cameras.items():
-            if now_s < camera.pictures_at_s or not (views := self._wanted.of(name)):
+        for name, views in self._wanted.by_camera().items():
+            camera = self.cameras.get(name)
+            if camera is None or now_s < camera.pictures_at_s:
                 continue
             camera.pictures_patience_s = min(2 * camera.pictures_patience_s or self._settings.resend_after_s, 60.0)
             camera.pictures_at_s = now_s + camera.pictures_patience_s
