@@ -276,6 +276,11 @@ class Client:
         """Bytes by kind of link over time: each second of the last hour, or each minute of the last thirty days."""
         return self._gateway.one(rest.TrafficOverTime, "GET", "traffic/series", params={"step": step, "last_s": last_s})
 
+    def traffic_table(self, step: rest.TrafficStep = "minute", *, last_s: float = 3600.0) -> str:
+        """The same as comma-separated values."""
+        params = {"step": step, "last_s": last_s}
+        return self._gateway.request("GET", f"{rest.ROOT}/traffic/series.csv", params=params).text
+
     def metrics(self) -> str:
         """All that is counted, in Prometheus's text format."""
         return self._gateway.request("GET", "/metrics").text
