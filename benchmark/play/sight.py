@@ -35,11 +35,7 @@ from surveilnav.perception.backend import Backend
 from surveilnav.perception.depth.network import DepthNetwork
 from surveilnav.robot_body import CAMERA, CAMERA_HEIGHT_M, DEPTH_RANGE_M
 from surveilnav.robot_state import RobotState
-from surveilnav.sensing.packing import (
-    decode_frame,
-    pack_embedding,
-    unpack_embedding,
-)
+from surveilnav.sensing.packing import decode_frame, pack_embedding, unpack_embedding
 from surveilnav.sensing.perceived import perceived_reply
 from surveilnav.sensing.replies import perception_from_wire, perception_to_wire
 from surveilnav.sensing.tiers import Seen, encode_view
@@ -305,24 +301,14 @@ class Sight:
             return SeenView(view, self._perceive(view, rendered, (source, index, 1)), offered)
         rendered = self.building.camera_view(camera, index)
         key = source, index, 1
-        seen = self._seen_by_camera(rendered, said, key) if self._tier in PERCEIVED_TIERS else None
+        if self._tier not in PERCEIVED_TIERS:
+            header, payload, offered = _frame(rendered, camera, index, said, self._plan, tier=self._tier)
+            view = self._as_known(decode_frame(header, payload), pose)
+            return SeenView(view, self._perceive(view, rendered, key), offered)
+        seen = self._seen(self._camera_backend, rendered, lens, said.matrix(), key)
         header, payload, offered = _frame(rendered, camera, index, said, self._plan, tier=self._tier, seen=seen)
-        view = self._as_known(decode_frame(header, payload), pose)
-        reply = perceived_reply(header, payload)
-        if self._tier in PERCEIVED_TIERS:
-            return SeenView(view, perception_from_wire(reply, view.camera) if reply is not None else None, offered)
-        return SeenView(view, self._perceive(view, rendered, key), offered)
-
-    def _seen_by_camera(self, rendered: Rendered, said: Pose, key: tuple[object, ...]) -> Seen | None:
-        """What a camera's own perception sees in its picture, before anything is encoded."""
-        T_world_camera, backend = said.matrix(), self._camera_backend
-        if looks_straight_down(T_world_camera):
-            return None
-        told = TrueInstances(rendered.instance_ids, self._labels, T_world_camera) if backend.needs_truth else None
-        perception = backend.perceive(
-            rendered.rgb, rendered.depth_m, self._plan.intrinsics, prompts=self._words, truth=told, key=key
-        )
-        return Seen(perception, backend.models)
+        view, reply = self._as_known(decode_frame(header, payload), pose), perceived_reply(header, payload)
+        return SeenView(view, None if reply is None else perception_from_wire(reply, view.camera), offered)
 
     def _as_known(self, view: PosedView, pose: Pose) -> PosedView:
         """A camera's view with what is known of its depth. ``pose``: where the camera really hangs."""
@@ -364,15 +350,22 @@ class Sight:
         return Pose.from_matrix(T)
 
     def _perceive(self, view: PosedView, rendered: Rendered, key: tuple[object, ...]) -> ViewPerception | None:
-        """What perception says of a view; None for one that looks straight down, which detectors can't read."""
-        if looks_straight_down(view.T_world_camera):
-            return None
+        """What a worker says of a view; None for one that looks straight down, which detectors can't read."""
         backend = self.backend if view.is_robot else self._camera_backend
-        told = TrueInstances(rendered.instance_ids, self._labels, view.T_world_camera)
-        truth = told if backend.needs_truth else None
         depth_m = measured_depth_m(view.depth_m, view.depth_source)
-        seen = backend.perceive(view.rgb, depth_m, view.camera, prompts=self._words, truth=truth, key=key)
-        return _as_sent(seen, view, backend.models)
+        shown = replace(rendered, rgb=view.rgb, depth_m=depth_m)
+        seen = self._seen(backend, shown, view.camera, view.T_world_camera, key)
+        return None if seen is None else _as_sent(seen.perception, view, seen.models)
+
+    def _seen(
+        self, backend: Backend, shown: Rendered, lens: Pinhole, T_world_camera: Matrix4, key: tuple[object, ...]
+    ) -> Seen | None:
+        """What ``backend`` sees in what it is shown."""
+        if looks_straight_down(T_world_camera):
+            return None
+        told = TrueInstances(shown.instance_ids, self._labels, T_world_camera) if backend.needs_truth else None
+        found = backend.perceive(shown.rgb, shown.depth_m, lens, prompts=self._words, truth=told, key=key)
+        return Seen(found, backend.models)
 
     def _depth(
         self, T_world_camera: Matrix4, camera: Pinhole, range_m: tuple[float, float], noise: DepthNoise, *name: object

@@ -56,7 +56,7 @@ class ViewSender:
         self._state = sending.SendState()
         self._tiers: dict[int, Tier] = {}
         self._sent_s: dict[int, float] = {}
-        self._whole: set[int] = set()
+        self._pictures_wanted: set[int] = set()
         self._asked: set[int] = set()  # for again, and not sent yet
         self._features_bytes = (0, 0)  # how many frames, and their sum
         budget = settings.budget_kb_s
@@ -70,7 +70,7 @@ class ViewSender:
 
     def want_pictures(self, views: Collection[int]) -> None:
         """Has these views sent with their pictures, as long as somebody listens to them."""
-        self._whole |= set(views)
+        self._pictures_wanted |= set(views)
 
     def step(self, requested: Collection[int]) -> bool:
         """Sends the views that are due, as far as the budget allows. True if any was sent."""
@@ -78,13 +78,13 @@ class ViewSender:
         matched = {v for v, publisher in self._frames.items() if publisher.matched}
         versions = {v: version for v in self._frames if (version := self._source.version(v)) is not None}
         self._asked = (self._asked | set(requested)) & matched if not paused else set()
-        self._whole &= matched
+        self._pictures_wanted &= matched
         self._state, due = sending.views_to_send(
             self._state, versions=versions, matched=matched, requested=self._asked, paused=paused
         )
         self._tiers = {v: tier for v, tier in self._tiers.items() if v in self._state.sent}
         self._sent_s = {v: at_s for v, at_s in self._sent_s.items() if v in matched}
-        better = {} if due else views_to_improve(self._choice, self._tiers, self._whole, self._refilled())
+        better = {} if due else views_to_improve(self._choice, self._tiers, self._pictures_wanted, self._refilled())
         left = self._in_turn(due) if due else list(better)
         n, self.sending = len(left), bool(left)
         while left and self._may_send():
@@ -118,7 +118,7 @@ class ViewSender:
         return tier_of(
             self._choice,
             view,
-            whole=self._whole,
+            pictures_wanted=self._pictures_wanted,
             n_waiting=n_waiting,
             bucket=self._bucket,
             mean_bytes=total / n if n else 0.0,

@@ -52,7 +52,7 @@ def tier_of(
     choice: TierChoice,
     view: int,
     *,
-    whole: Collection[int],
+    pictures_wanted: Collection[int],
     n_waiting: int,
     bucket: TokenBucket | None,
     mean_bytes: float,
@@ -61,12 +61,12 @@ def tier_of(
 
     Args:
         choice: the camera's setting.
-        whole: views of which somebody has asked for the pictures.
+        pictures_wanted: views of which somebody has asked for the pictures.
         n_waiting: how many views wait that nobody has yet.
         bucket: the budget; None: there is none.
         mean_bytes: of the views that were sent as ``features``; 0: none was yet.
     """
-    if view in whole and choice in ("auto", *PERCEIVED_TIERS):
+    if view in pictures_wanted and choice in ("auto", *PERCEIVED_TIERS):
         return "jpeg+depth"
     if choice != "auto":
         return choice
@@ -77,13 +77,13 @@ def tier_of(
 
 
 def views_to_improve(
-    choice: TierChoice, sent: Mapping[int, Tier], whole: Collection[int], bucket: TokenBucket | None
+    choice: TierChoice, sent: Mapping[int, Tier], pictures_wanted: Collection[int], bucket: TokenBucket | None
 ) -> dict[int, Tier]:
     """What is sent again while nothing else waits, in this order: views that were sent in a lower tier than they should be, with
     the tier in which they are sent now."""
     if choice not in ("auto", *PERCEIVED_TIERS) or (bucket is not None and not bucket.allows):
         return {}
-    better: dict[int, Tier] = {v: "jpeg+depth" for v in sorted(whole) if sent.get(v) in PERCEIVED_TIERS}
+    better: dict[int, Tier] = {v: "jpeg+depth" for v in sorted(pictures_wanted) if sent.get(v) in PERCEIVED_TIERS}
     if choice == "auto":
-        better |= {v: "features" for v in sorted(sent) if sent[v] == "objects" and v not in whole}
+        better |= {v: "features" for v in sorted(sent) if sent[v] == "objects" and v not in pictures_wanted}
     return better

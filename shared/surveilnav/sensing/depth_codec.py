@@ -27,12 +27,11 @@ import zstandard
 from numpy.typing import NDArray
 
 from surveilnav.errors import WireError
-from surveilnav.sensing.limits import check_pixels, unzstd
+from surveilnav.sensing.limits import MAX_DIVISOR, check_pixels, unzstd
 
 DEPTH_QUANTUM_PER_M: Final = 0.001
 #: Neighbouring cells continue one another if their steps differ by no more than this many quanta from those beside them.
 _SMOOTH_QUANTA = 3.0
-_MAX_DIVISOR = 64
 
 
 def encode_depth(
@@ -93,6 +92,11 @@ def decode_depth(
     table = _depth_table(near, far, quantum_per_m)
     depth_m = table.take(steps, mode="wrap")  # the table has an entry for every step: no need to check them
     return depth_m if divisor == 1 else _enlarged(depth_m, divisor, quantum_per_m, (near, far))[:height_px, :width_px]
+
+
+def finest_quantum_per_m(nearest_m: float) -> float:
+    """The smallest step of inverse depth with which depth from ``nearest_m`` on can be encoded."""
+    return 1.0 / (65535 * nearest_m)
 
 
 def to_byte_planes(values: NDArray[np.uint16]) -> bytes:
@@ -187,9 +191,9 @@ def _checked(depth_range_m: tuple[float, float], divisor: int, quantum_per_m: fl
     near, far = (float(v) for v in depth_range_m)
     if not (0.02 <= near < far <= 1000.0):  # False for NaN
         raise ValueError(f"a depth range needs 0.02 m <= nearest < farthest <= 1000 m, got ({near}, {far})")
-    if not 1 <= divisor <= _MAX_DIVISOR:
-        raise ValueError(f"a cell has 1 to {_MAX_DIVISOR} pixels a side, got {divisor}")
-    if not 1.0 / (65535 * near) <= quantum_per_m <= 0.1:  # False for NaN
+    if not 1 <= divisor <= MAX_DIVISOR:
+        raise ValueError(f"a cell has 1 to {MAX_DIVISOR} pixels a side, got {divisor}")
+    if not finest_quantum_per_m(near) <= quantum_per_m <= 0.1:  # False for NaN
         raise ValueError(
             f"a step of inverse depth is at most 0.1/m, and 65,535 of them reach {near} m; got {quantum_per_m}/m"
         )

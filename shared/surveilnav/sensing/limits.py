@@ -11,6 +11,8 @@ from surveilnav.errors import WireError
 #: A picture of 4096 x 4096 needs 48 MB as pixels and 64 MB as metric depth.
 MAX_PIXELS: Final = 4096 * 4096
 MAX_ARRAY_BYTES: Final = 256 * 1024 * 1024
+#: Pixels a side of a cell of depth or of a mask.
+MAX_DIVISOR: Final = 64
 
 
 def check_pixels(width_px: int, height_px: int) -> None:

@@ -113,14 +113,18 @@ def picture_jpeg(header: FrameHeader, payload: bytes) -> bytes:
     data = bytes(payload[: header.image.n_bytes])
     if header.image.encoding == "jpeg" and header.tier not in PERCEIVED_TIERS:
         return data
-    width_px, height_px = _png_size(data) if header.image.encoding == "png" else _jpeg_size(data)
     check_pixels(header.camera.width_px, header.camera.height_px)
-    rgb = (
-        decode_png(data, width_px, height_px)
-        if header.image.encoding == "png"
-        else decode_jpeg(data, width_px, height_px)
-    )
+    rgb = _decoded_picture(header.image, data, _picture_size(header.image, data))
     return encode_jpeg(_enlarged(rgb, header.camera))
+
+
+def _picture_size(image: PayloadPart, data: bytes) -> tuple[int, int]:
+    """(width, height) that a JPEG or PNG says it has."""
+    return _png_size(data) if image.encoding == "png" else _jpeg_size(data)
+
+
+def _decoded_picture(image: PayloadPart, data: bytes, size_px: tuple[int, int]) -> NDArray[np.uint8]:
+    return decode_png(data, *size_px) if image.encoding == "png" else decode_jpeg(data, *size_px)
 
 
 def _enlarged(rgb: NDArray[np.uint8], camera: Pinhole) -> NDArray[np.uint8]:
@@ -146,9 +150,8 @@ def decode_rgbd(
     Raises:
         WireError: sizes, encodings or dimensions don't fit.
     """
-    width_px, height_px = check_rgbd(payload, image, depth, camera, is_reduced=is_reduced)
-    data = payload[: image.n_bytes]
-    rgb = decode_png(data, width_px, height_px) if image.encoding == "png" else decode_jpeg(data, width_px, height_px)
+    size_px = check_rgbd(payload, image, depth, camera, is_reduced=is_reduced)
+    rgb = _decoded_picture(image, payload[: image.n_bytes], size_px)
     return _enlarged(rgb, camera), decode_depth(
         payload[image.n_bytes :],
         camera.width_px,
@@ -174,8 +177,7 @@ def check_rgbd(
             f"the payload has {len(payload)} bytes, its header says {image.n_bytes} (image) + {depth.n_bytes} (depth)"
         )
     check_pixels(camera.width_px, camera.height_px)
-    data = payload[: image.n_bytes]
-    width_px, height_px = _png_size(data) if image.encoding == "png" else _jpeg_size(data)
+    width_px, height_px = _picture_size(image, payload[: image.n_bytes])
     fits = width_px <= camera.width_px and height_px <= camera.height_px
     if not (fits if is_reduced else (width_px, height_px) == (camera.width_px, camera.height_px)):
         kind = image.encoding.upper()

@@ -21,7 +21,7 @@ from surveilnav.errors import WireError
 from surveilnav.geometry import Pinhole
 from surveilnav.messages import Detection, FrameHeader, InferReply, ModelIds
 from surveilnav.sensing import rle
-from surveilnav.sensing.limits import unzstd
+from surveilnav.sensing.limits import MAX_DIVISOR, unzstd
 from surveilnav.sensing.packing import MAX_EMBEDDING_DIM, pack_embedding
 from surveilnav.sensing.replies import MAX_DETECTIONS
 from surveilnav.sensing.views import DetectedObject, ViewPerception, box_cells
@@ -120,18 +120,17 @@ def _detections(packed: _Packed, camera: Pinhole, divisor: int) -> list[Detectio
     n = len(packed.labels)
     if n > MAX_DETECTIONS:
         raise WireError(f"a view has up to {MAX_DETECTIONS} detections, got {n}")
-    if not 1 <= divisor <= 64:
-        raise WireError(f"a cell of a mask has 1 to 64 pixels a side, got {divisor}")
+    if not 1 <= divisor <= MAX_DIVISOR:
+        raise WireError(f"a cell of a mask has 1 to {MAX_DIVISOR} pixels a side, got {divisor}")
     sizes = len(packed.scores), len(packed.chances), len(packed.boxes_px) // 8, len(packed.masks)
     if set(sizes) != {n} or len(packed.boxes_px) % 8:
         raise WireError(f"expected facts about {n} detections, got {sizes}")
-    areas = np.frombuffer(packed.boxes_px, "<u2").reshape(n, 4).astype(np.int64)
+    boxes = [tuple(map(int, box)) for box in np.frombuffer(packed.boxes_px, "<u2").reshape(n, 4)]
     area_px = sum(
-        int(max(x1 - x0, 0) * max(y1 - y0, 0)) for (x0, y0, x1, y1), m in zip(areas, packed.masks, strict=True) if m
+        max(x1 - x0, 0) * max(y1 - y0, 0) for (x0, y0, x1, y1), mask in zip(boxes, packed.masks, strict=True) if mask
     )
     if area_px > _MAX_MASKS * camera.width_px * camera.height_px:
         raise WireError(f"the masks of a view cover it up to {_MAX_MASKS} times, got {area_px} pixels")
-    boxes = [tuple(map(int, box)) for box in np.frombuffer(packed.boxes_px, "<u2").reshape(n, 4)]
     embeddings = _embeddings(packed)[1:]
     return [
         Detection(

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final, Literal, NamedTuple
+from typing import Final, NamedTuple
 
 import cv2
 import numpy as np
@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 
 from surveilnav.geometry import Pinhole
 from surveilnav.messages import ModelIds, PayloadPart, Tier
-from surveilnav.sensing.depth_codec import DEPTH_QUANTUM_PER_M, encode_depth
-from surveilnav.sensing.packing import encode_jpeg, encode_png
+from surveilnav.sensing.depth_codec import encode_depth, finest_quantum_per_m
+from surveilnav.sensing.packing import encode_jpeg, encode_png, encode_rgbd
 from surveilnav.sensing.perceived import perceived_to_bytes
 from surveilnav.sensing.views import DetectedObject, ViewPerception, box_cells
 
@@ -91,13 +91,14 @@ def encode_view(
     """
     if tier in _REDUCED:
         return _reduced(_REDUCED[tier], rgb, depth_m, camera, depth_range_m, seen)
-    image = encode_png(rgb) if tier == "raw" else encode_jpeg(rgb, jpeg_quality)
-    finest = 1.0 / (65535 * depth_range_m[0])
-    quantum = max(_RAW_QUANTUM_PER_M, finest) if tier == "raw" else DEPTH_QUANTUM_PER_M
-    depth = encode_depth(np.zeros_like(depth_m) if tier == "jpeg" else depth_m, depth_range_m, quantum_per_m=quantum)
-    part = PayloadPart("depth-invq-zstd", len(depth), quantum_per_m=quantum)
-    kind: Literal["jpeg", "png"] = "png" if tier == "raw" else "jpeg"
-    return EncodedView(image + depth, PayloadPart(kind, len(image)), part, has_depth=tier != "jpeg")
+    if tier != "raw":
+        known_m = np.zeros_like(depth_m) if tier == "jpeg" else depth_m
+        payload, image, depth = encode_rgbd(rgb, known_m, depth_range_m=depth_range_m, jpeg_quality=jpeg_quality)
+        return EncodedView(payload, image, depth, has_depth=tier != "jpeg")
+    quantum = max(_RAW_QUANTUM_PER_M, finest_quantum_per_m(depth_range_m[0]))
+    png, inverse = encode_png(rgb), encode_depth(depth_m, depth_range_m, quantum_per_m=quantum)
+    depth = PayloadPart("depth-invq-zstd", len(inverse), quantum_per_m=quantum)
+    return EncodedView(png + inverse, PayloadPart("png", len(png)), depth)
 
 
 def _reduced(
@@ -112,23 +113,23 @@ def _reduced(
     found = tuple(d for d in found if d.confidence >= reduction.lowest_confidence)
     if not reduction.free_space:
         depth_m = np.where(_covered(found, camera), depth_m, np.float32(0.0))
-    quantum = max(reduction.quantum_per_m, 1.0 / (65535 * depth_range_m[0]))
+    quantum = max(reduction.quantum_per_m, finest_quantum_per_m(depth_range_m[0]))
     depth = encode_depth(depth_m, depth_range_m, divisor=reduction.depth_divisor, quantum_per_m=quantum)
     width = min(reduction.picture_px, rgb.shape[1])
     size = width, max(1, round(width * rgb.shape[0] / rgb.shape[1]))
     image = encode_jpeg(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), reduction.picture_quality)
-    what, part = b"", None
+    perceived, part = b"", None
     if seen is not None:
-        what = perceived_to_bytes(
+        perceived = perceived_to_bytes(
             replace(seen.perception, detections=found),
             seen.models,
             camera,
             divisor=reduction.mask_divisor,
             masks=reduction.free_space,
         )
-        part = PayloadPart("perceived-zstd", len(what), reduction.mask_divisor)
+        part = PayloadPart("perceived-zstd", len(perceived), reduction.mask_divisor)
     return EncodedView(
-        image + depth + what,
+        image + depth + perceived,
         PayloadPart("jpeg", len(image)),
         PayloadPart("depth-invq-zstd", len(depth), reduction.depth_divisor, quantum),
         has_depth=reduction.free_space or bool(found),

@@ -50,7 +50,7 @@ FULL, EMPTY = TokenBucket(RATE, 2 * RATE, 0.0), TokenBucket(RATE, 0.0, 0.0)
 
 
 @pytest.mark.parametrize(
-    ("choice", "whole", "n_waiting", "bucket", "mean_bytes", "tier"),
+    ("choice", "pictures_wanted", "n_waiting", "bucket", "mean_bytes", "tier"),
     [
         ("raw", (), 1, None, 0.0, "raw"),
         ("jpeg+depth", (0,), 50, EMPTY, 0.0, "jpeg+depth"),
@@ -67,13 +67,13 @@ FULL, EMPTY = TokenBucket(RATE, 2 * RATE, 0.0), TokenBucket(RATE, 0.0, 0.0)
         ("auto", (), 1, EMPTY, 0.0, "objects"),  # nothing was sent yet: 9 kB are expected
     ],
 )
-def test_the_tier_of_a_view(choice, whole, n_waiting, bucket, mean_bytes, tier):
-    got = tier_of(choice, 0, whole=whole, n_waiting=n_waiting, bucket=bucket, mean_bytes=mean_bytes)
+def test_the_tier_of_a_view(choice, pictures_wanted, n_waiting, bucket, mean_bytes, tier):
+    got = tier_of(choice, 0, pictures_wanted=pictures_wanted, n_waiting=n_waiting, bucket=bucket, mean_bytes=mean_bytes)
     assert got == tier
 
 
 @pytest.mark.parametrize(
-    ("choice", "sent", "whole", "bucket", "better"),
+    ("choice", "sent", "pictures_wanted", "bucket", "better"),
     [
         ("auto", {0: "features", 1: "objects", 2: "objects"}, (), None, {1: "features", 2: "features"}),
         (
@@ -93,6 +93,6 @@ def test_the_tier_of_a_view(choice, whole, n_waiting, bucket, mean_bytes, tier):
         ("raw", {0: "raw"}, (0,), None, {}),
     ],
 )
-def test_views_that_should_be_sent_as_more_than_they_were(choice, sent, whole, bucket, better):
-    found = views_to_improve(choice, sent, whole, bucket)
+def test_views_that_should_be_sent_as_more_than_they_were(choice, sent, pictures_wanted, bucket, better):
+    found = views_to_improve(choice, sent, pictures_wanted, bucket)
     assert list(found.items()) == list(better.items())
