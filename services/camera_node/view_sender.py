@@ -1,4 +1,5 @@
-"""Sends a camera's views to whoever listens: each version once, in the tier and within the budget that the settings name."""
+"""Sends a camera's views to whoever listens: each version once, in the tier and within the budget that the settings name, and no
+faster than the link takes them."""
 
 from __future__ import annotations
 
@@ -14,13 +15,16 @@ from surveilnav.sensing.truth import truth_to_wire
 from surveilnav.services.camera_node import messages
 from surveilnav.services.camera_node.config import CameraSettings
 from surveilnav.services.camera_node.core import sending
-from surveilnav.services.camera_node.core.budget import TokenBucket, tier_of, views_to_improve
+from surveilnav.services.camera_node.core.budget import TokenBucket, soon_bytes, tier_of, views_to_improve
+from surveilnav.services.camera_node.core.link import Counts, Link
 from surveilnav.services.camera_node.frames import EncodedFrame, FrameEncoder
 from surveilnav.services.camera_node.own_perception import OwnPerception
 from surveilnav.services.camera_node.sources.source import Source
 
-#: Views that wait longer than this for the budget are a problem that people should know of.
+#: Views that wait longer than this for the budget or the link are a problem that people should know of.
 _LONG_WAIT_S = 10.0
+#: So long the loop waits for the link at a time, and so often it looks meanwhile.
+_LINK_WAIT_S, _LINK_POLL_S = 0.02, 0.001
 #: Pause after the camera's own perception failed.
 _RETRY_S = 60.0
 
@@ -61,6 +65,7 @@ class ViewSender:
         self._features_bytes = (0, 0)  # how many frames, and their sum
         budget = settings.budget_kb_s
         self._bucket = TokenBucket.full(1000.0 * budget, time.monotonic()) if budget else None
+        self._link = Link()
         self._waits_since_s: float | None = None
         self._blind_until_s = 0.0
 
@@ -106,7 +111,23 @@ class ViewSender:
 
     def _may_send(self) -> bool:
         bucket = self._refilled()
-        return not self._node.stopping.is_set() and not self._paused() and (bucket is None or bucket.allows)
+        if self._node.stopping.is_set() or self._paused() or not (bucket is None or bucket.allows):
+            return False
+        return self._link_is_free()
+
+    def _link_is_free(self) -> bool:
+        """Whether the frame before has arrived; waits for that a little."""
+        until_s = time.monotonic() + _LINK_WAIT_S
+        while self._link.frame is not None:
+            now_s = time.monotonic()
+            self._link = self._link.at(now_s, self._counts())
+            if self._link.frame is not None and (now_s >= until_s or self._node.stopping.wait(_LINK_POLL_S)):
+                return False
+        return True
+
+    def _counts(self) -> Counts | None:
+        wire = self._node.wire_bytes()
+        return wire and Counts(wire.acknowledged, wire.segment_bytes, wire.queued)
 
     def _refilled(self) -> TokenBucket | None:
         if self._bucket is not None:
@@ -120,7 +141,7 @@ class ViewSender:
             view,
             pictures_wanted=self._pictures_wanted,
             n_waiting=n_waiting,
-            bucket=self._bucket,
+            soon_bytes=soon_bytes(self._bucket, self._link),
             mean_bytes=total / n if n else 0.0,
         )
 
@@ -132,6 +153,7 @@ class ViewSender:
         self._seq[view] += 1
         self._send_truth(view, frame.version)
         header = messages.frame_header(self._source, view, self._seq[view], frame, now_ns=clock_ns())
+        self._link = self._link.with_frame(len(frame.payload), time.monotonic(), self._counts())
         self._frames[view].put(header, frame.payload)
         self._tiers[view], self._sent_s[view] = frame.tier, time.monotonic()
         if frame.tier == "features":
@@ -164,13 +186,14 @@ class ViewSender:
         self._truths[view].put(*truth)
 
     def _report_waiting(self, n: int) -> None:
-        """Tells everybody if views wait for the budget for long."""
-        now_s = time.monotonic()
+        """Tells everybody if views wait for the budget or the link for long, and for which."""
+        now_s, why = time.monotonic(), {"budget": "", "link": ""}
         self._waits_since_s = None if not n else self._waits_since_s or now_s
-        if self._waits_since_s is None or self._bucket is None:
-            self._node.report_problem("budget", "")
-        elif now_s - self._waits_since_s >= _LONG_WAIT_S:
-            rate = self._bucket.rate_bytes_s / 1000
-            self._node.report_problem(
-                "budget", f"its budget of {rate:g} kB/s is too small: views wait for {_LONG_WAIT_S:g} s"
-            )
+        if self._waits_since_s is not None and now_s - self._waits_since_s >= _LONG_WAIT_S:
+            if self._bucket is not None and not self._bucket.allows:
+                rate = self._bucket.rate_bytes_s / 1000
+                why["budget"] = f"its budget of {rate:g} kB/s is too small: views wait for {_LONG_WAIT_S:g} s"
+            else:
+                why["link"] = f"its link is too slow: views wait for {_LONG_WAIT_S:g} s; a lower tier sends less"
+        for name, text in why.items():
+            self._node.report_problem(name, text)

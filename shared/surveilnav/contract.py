@@ -169,11 +169,11 @@ ROBOT_OBSERVATION = Stream(
     "{building}/robot/{robot}/observation",
     m.Observation,
     "robot_node",
-    "put",
+    "put+query",
     None,
     2_000,
     "bulk",
-    "RGB-D, pose and sequence number after an action",
+    "RGB-D, pose and sequence number after an action; the newest one for who asks",
     payload=True,
 )
 ROBOT_STATUS = Stream(

@@ -91,7 +91,7 @@ class Asking:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("tier", "budget_kb_s"), [("jpeg+depth", ""), ("features", ""), ("auto", "20")])
+@pytest.mark.parametrize(("tier", "budget_kb_s"), [("jpeg+depth", ""), ("features", ""), ("auto", ""), ("auto", "20")])
 def test_a_search_over_a_slow_link(tmp_path, home_cache, monkeypatch, tier, budget_kb_s):
     monkeypatch.setenv("SURVEILNAV_CAMERA__TIER", tier)
     monkeypatch.setenv("SURVEILNAV_CAMERA__PERCEPTION", "compact")

@@ -151,6 +151,9 @@ class FedNode:
     def routers(self) -> int:
         return 1
 
+    def wire_bytes(self) -> None:
+        return None
+
     def report_problem(self, what: str, why: str) -> None:
         pass
 

@@ -5,15 +5,18 @@ may be sent as soon as the bucket isn't empty, whatever its size; then the camer
 a camera sends what its budget allows, and at most one frame and two seconds' worth more, and no frame is too large to be sent.
 
 With the tier ``auto`` a view is sent as ``features``; as ``objects`` if the features of all waiting views would take longer than
-``_PATIENCE_S``, and as features after all once nothing else waits; and as ``jpeg+depth`` if somebody has asked for the pictures.
+``_PATIENCE_S``, by the budget or by what the link takes, and as features after all once nothing else waits; and as ``jpeg+depth``
+if somebody has asked for the pictures.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 
 from surveilnav.messages import PERCEIVED_TIERS, Tier, TierChoice
+from surveilnav.services.camera_node.core.link import Link
 
 _BURST_S = 2.0
 _PATIENCE_S = 5.0
@@ -47,6 +50,17 @@ class TokenBucket:
         """Whether a frame may be sent."""
         return self.level_bytes > 0.0
 
+    @property
+    def soon_bytes(self) -> float:
+        """What may be sent within ``_PATIENCE_S``."""
+        return max(self.level_bytes, 0.0) + _PATIENCE_S * self.rate_bytes_s
+
+
+def soon_bytes(bucket: TokenBucket | None, link: Link) -> float:
+    """How many bytes can be sent within ``_PATIENCE_S``. ``bucket``: the budget; None: there is none."""
+    by_link = math.inf if link.rate_bytes_s is None else _PATIENCE_S * link.rate_bytes_s
+    return by_link if bucket is None else min(bucket.soon_bytes, by_link)
+
 
 def tier_of(
     choice: TierChoice,
@@ -54,7 +68,7 @@ def tier_of(
     *,
     pictures_wanted: Collection[int],
     n_waiting: int,
-    bucket: TokenBucket | None,
+    soon_bytes: float,
     mean_bytes: float,
 ) -> Tier:
     """The tier in which a view is sent now.
@@ -63,17 +77,14 @@ def tier_of(
         choice: the camera's setting.
         pictures_wanted: views of which somebody has asked for the pictures.
         n_waiting: how many views wait that nobody has yet.
-        bucket: the budget; None: there is none.
+        soon_bytes: how many bytes can be sent within ``_PATIENCE_S``.
         mean_bytes: of the views that were sent as ``features``; 0: none was yet.
     """
     if view in pictures_wanted and choice in ("auto", *PERCEIVED_TIERS):
         return "jpeg+depth"
     if choice != "auto":
         return choice
-    if bucket is None:
-        return "features"
-    needed_bytes = n_waiting * (mean_bytes or _TYPICAL_FEATURES_BYTES)
-    return "features" if needed_bytes <= max(bucket.level_bytes, 0.0) + _PATIENCE_S * bucket.rate_bytes_s else "objects"
+    return "features" if n_waiting * (mean_bytes or _TYPICAL_FEATURES_BYTES) <= soon_bytes else "objects"
 
 
 def views_to_improve(

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 import msgspec
 
 from surveilnav.bus import LatestMessage, Node, Received, bound_request_id, clock_ns
-from surveilnav.contract import CAMERA_FRAME, CAMERA_INFO, CAMERA_REQUEST, MAP_REVISION, ROBOT_OBSERVATION, ROBOT_STATUS
+from surveilnav.contract import CAMERA_FRAME, CAMERA_INFO, CAMERA_REQUEST, MAP_REVISION, ROBOT_STATUS
 from surveilnav.errors import BusError
 from surveilnav.messages import PERCEIVED_TIERS, CameraInfo, CameraRequest, FrameHeader
 from surveilnav.services.fusion.building_maps import BuildingMaps
@@ -21,6 +21,7 @@ from surveilnav.services.fusion.config import FusionSettings
 from surveilnav.services.fusion.core.views.invocation import Invocation, invoke
 from surveilnav.services.fusion.intake.camera_searches import CameraSearches
 from surveilnav.services.fusion.intake.clocks import SourceClocks
+from surveilnav.services.fusion.intake.observations import RobotObservations
 from surveilnav.services.fusion.intake.ranking import ViewRanking
 from surveilnav.services.fusion.intake.robot_positions import too_tall
 from surveilnav.services.fusion.intake.wanted_pictures import WantedPictures
@@ -81,7 +82,7 @@ class Sources:
         self._infos = node.table(CAMERA_INFO)
         self._statuses = node.table(ROBOT_STATUS)
         node.alive("robot")  # the first call starts to follow presence
-        self._robots: dict[str, LatestMessage[FrameHeader]] = {}
+        self._robots = RobotObservations(node)
         self._newest = {robot: (last.seq, last.stamp_ns) for robot, last in maps.processed.robots.items()}
         self._invocation, self._clocks = Invocation(), SourceClocks()
         self._silent_prefetched: set[str] = set()
@@ -131,26 +132,27 @@ class Sources:
         self._node.report_problem("robot_height", too_tall(statuses, self._config.obstacle_max_m))
         # silent and off the bus, or on the floor of another shard: it needs no place here
         for robot in sorted((set(self._robots) - here - self._node.alive("robot")) | (set(self._robots) & elsewhere)):
-            self._robots.pop(robot).close()
+            self._robots.forget(robot)
             self._floor_z_m.pop(robot, None)
             self._newest.pop(robot, None)
             self._node.log.info("forgets a robot", robot=robot)
         for robot in sorted(here):
             if robot not in self._robots and len(self._robots) < _MAX_ROBOTS:
-                self._robots[robot] = self._node.latest(ROBOT_OBSERVATION, robot=robot)
+                self._robots.follow(robot)
                 self._node.log.info("follows a robot", robot=robot)
+        newest = {robot: seq for robot, (seq, _) in self._newest.items()}
+        self._robots.ask_for_lost({row.ids["robot"]: row for row in rows if row.ids["robot"] in here}, newest)
 
     def _robot_frames(self) -> list[Received[FrameHeader]]:
         frames = []
-        for robot, slot in self._robots.items():
-            frame = slot.poll()
-            if frame is None or not self._belongs(frame, f"robot/{robot}", 0):
+        for robot, frame in self._robots.poll():
+            if not self._belongs(frame, f"robot/{robot}", 0):
                 continue
             if not self._shard.includes(frame.message.floor):
                 continue  # it has just come from another shard's floor, or has just left this one's
             header = frame.message
             self._floor_z_m[robot] = header.T_world_camera.translation_m[2] - header.mounting_offset_m
-            # a robot repeats its observation until it gets a command; after a restart it numbers anew
+            # an observation that was asked for may have come meanwhile; after a restart a robot numbers anew
             if (header.seq, header.stamp_ns) != self._newest.get(robot):
                 self._newest[robot] = header.seq, header.stamp_ns
                 with bound_request_id(frame.request_id):

@@ -27,7 +27,7 @@ from surveilnav.bus.publishing import LatestMessage, Publisher, Subscription, Ta
 from surveilnav.bus.queries import Answer, Handler, QueryServer, Question, RetryAfterMs
 from surveilnav.bus.settings import BusSettings
 from surveilnav.bus.tls import check_owner
-from surveilnav.bus.traffic import wire_bytes
+from surveilnav.bus.traffic import WireBytes, wire_bytes
 from surveilnav.bus.wire import clock_ns
 from surveilnav.contract import TRAFFIC, Stream
 from surveilnav.errors import BusError
@@ -151,7 +151,7 @@ class Node:
 
     def traffic_report(self) -> TrafficReport:
         """What this process has published, received, dropped and sent over the network so far."""
-        wire = wire_bytes(self.settings.router_port)
+        wire = self.wire_bytes()
         return TrafficReport(
             stamp_ns=clock_ns(),
             node=self.id,
@@ -160,9 +160,13 @@ class Node:
             rejected=self.traffic.rejected(),
             release=surveilnav.__version__,
             problems=self._problems,
-            wire_sent_bytes=wire and wire[0],
-            wire_received_bytes=wire and wire[1],
+            wire_sent_bytes=wire and wire.sent,
+            wire_received_bytes=wire and wire.received,
         )
+
+    def wire_bytes(self) -> WireBytes | None:
+        """What the kernel has counted of this process's connection so far; None where it can't be asked."""
+        return wire_bytes(self.settings.router_port)
 
     # --- publishing -----------------------------------------------------------------------------------------------
 

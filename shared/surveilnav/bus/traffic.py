@@ -12,7 +12,7 @@ import socket
 import struct
 import threading
 from collections import Counter
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from surveilnav.messages import TrafficRow
 
@@ -21,8 +21,10 @@ _MAX_ROWS = 20_000
 OTHER_KEYS = "(other keys)"
 
 Direction = Literal["offered", "delivered"]
-_TCP_INFO_BYTES_RECEIVED = 128  # offset of tcpi_bytes_received, linux/tcp.h
-_TCP_INFO_BYTES_SENT = 200  # offset of tcpi_bytes_sent (kernel >= 4.19): retransmissions included
+_TCP_INFO_QUEUED = 16, 24, 144  # of tcpi_snd_mss, tcpi_unacked (in segments) and tcpi_notsent_bytes
+_TCP_INFO_BYTES_ACKED = 120  # offset of tcpi_bytes_acked, linux/tcp.h
+_TCP_INFO_BYTES_RECEIVED = 128  # of tcpi_bytes_received
+_TCP_INFO_BYTES_SENT = 200  # of tcpi_bytes_sent (kernel >= 4.19): retransmissions included
 
 
 class TrafficMeter:
@@ -66,10 +68,26 @@ class TrafficMeter:
             return self._bytes[key, "offered"]
 
 
-def wire_bytes(port: int) -> tuple[int, int] | None:
-    """(sent, received) bytes of this process's TCP sockets to a remote port, such as the router's; None without /proc."""
-    sent = received = 0
-    seen = False
+class WireBytes(NamedTuple):
+    """What the kernel has counted on this process's TCP connections to the router.
+
+    Attributes:
+        sent: bytes that were sent, retransmissions included. ``received``: bytes that came.
+        acknowledged: bytes of which the router's side has said that they arrived.
+        segment_bytes: the most that one packet holds. The last packet of a message is often acknowledged 40 ms late.
+        queued: about how many bytes the kernel has that aren't acknowledged yet: they wait, or are under way. 0: none.
+    """
+
+    sent: int
+    received: int
+    acknowledged: int
+    segment_bytes: int
+    queued: int
+
+
+def wire_bytes(port: int) -> WireBytes | None:
+    """What this process's TCP sockets to a remote port, such as the router's, have sent; None without /proc."""
+    total: WireBytes | None = None
     try:
         descriptors = os.listdir("/proc/self/fd")
     except OSError:
@@ -88,7 +106,16 @@ def wire_bytes(port: int) -> tuple[int, int] | None:
             continue  # closed meanwhile, or not connected
         if len(info) < _TCP_INFO_BYTES_SENT + 8:
             return None
-        seen = True
-        received += struct.unpack_from("<Q", info, _TCP_INFO_BYTES_RECEIVED)[0]
-        sent += struct.unpack_from("<Q", info, _TCP_INFO_BYTES_SENT)[0]
-    return (sent, received) if seen else None
+        total = _with_socket(total or WireBytes(0, 0, 0, 0, 0), info)
+    return total
+
+
+def _with_socket(total: WireBytes, info: bytes) -> WireBytes:
+    segment_bytes, unacknowledged, waiting_bytes = (struct.unpack_from("<I", info, at)[0] for at in _TCP_INFO_QUEUED)
+    return WireBytes(
+        sent=total.sent + struct.unpack_from("<Q", info, _TCP_INFO_BYTES_SENT)[0],
+        received=total.received + struct.unpack_from("<Q", info, _TCP_INFO_BYTES_RECEIVED)[0],
+        acknowledged=total.acknowledged + struct.unpack_from("<Q", info, _TCP_INFO_BYTES_ACKED)[0],
+        segment_bytes=max(total.segment_bytes, segment_bytes),
+        queued=total.queued + segment_bytes * unacknowledged + waiting_bytes,
+    )

@@ -1,42 +1,61 @@
-"""When a robot publishes its newest view again."""
+"""A robot publishes each observation once, and answers who asks for the newest one."""
 
 from __future__ import annotations
 
-from types import SimpleNamespace
+import time
 
+import numpy as np
+import pytest
+
+from surveilnav.bus import Refused
+from surveilnav.contract import ROBOT_OBSERVATION
+from surveilnav.geometry import Pinhole, Pose
+from surveilnav.messages import Observation, PayloadPart
+from surveilnav.services.robot_node.observation import EncodedObservation
 from surveilnav.services.robot_node.publishing import ObservationPublisher
+from tests.waiting import until
+
+HERE = Pose.from_matrix(np.eye(4))
 
 
-class Listeners:
-    """A publisher of the bus, with listeners or without."""
-
-    def __init__(self) -> None:
-        self.matched, self.put_at = True, []
-        self.now_s = 0.0
-
-    def put(self, *_: object) -> None:
-        self.put_at.append(self.now_s)
-
-
-def repeats(is_heard, seconds: int) -> list[float]:
-    """When the view of time 0 is published, second by second; ``is_heard``: by time, whether anybody listens."""
-    bus = Listeners()
-    robot = ObservationPublisher(SimpleNamespace(publisher=lambda *_, **__: bus), "r1")
-    robot.publish(SimpleNamespace(message=None, payload=b"", truth=None), 0.0)
-    for second in range(1, seconds):
-        bus.now_s, bus.matched = float(second), is_heard(second)
-        robot.repeat_if_due(bus.now_s)
-    return bus.put_at
+def observation(seq: int) -> EncodedObservation:
+    message = Observation(
+        stamp_ns=seq,
+        source="robot/r1",
+        view=0,
+        seq=seq,
+        floor="0",
+        T_world_camera=HERE,
+        camera=Pinhole(64, 48, 60.0, 60.0, 31.5, 23.5),
+        mounting_offset_m=0.88,
+        depth_range_m=(0.5, 5.0),
+        image=PayloadPart("jpeg", 3),
+        depth=PayloadPart("depth-invq-zstd", 2),
+        T_world_base=HERE,
+    )
+    return EncodedObservation(message, b"rgbdd", None)
 
 
-def test_pauses_grow_up_to_half_a_minute():
-    assert repeats(lambda second: True, 125) == [0, 1, 3, 7, 15, 30, 60, 90, 120]
+@pytest.fixture
+def robot(make_node):
+    return ObservationPublisher(make_node("robot", "r1"), "r1")
 
 
-def test_who_listens_again_is_told_at_once():
-    told = repeats(lambda second: not 40 <= second < 50, 60)
-    assert told == [0, 1, 3, 7, 15, 30, 50, 52, 56]
+def test_each_observation_is_published_once(robot, make_node):
+    heard = []
+    make_node("test", "t", alive=False).subscribe(ROBOT_OBSERVATION, heard.append, robot="r1")
+    until(lambda: robot._observations.matched)
+    robot.publish(observation(7))
+    until(lambda: heard)
+    time.sleep(1.5)
+    assert [frame.message.seq for frame in heard] == [7]
 
 
-def test_nobody_is_told_nothing():
-    assert repeats(lambda second: False, 60) == [0]
+def test_who_asks_gets_the_newest_one(robot, make_node):
+    client = make_node("test", "t", alive=False)
+    with pytest.raises(Refused, match="hasn't observed anything yet"):
+        client.ask(ROBOT_OBSERVATION, robot="r1")
+    robot.publish(observation(7))
+    robot.publish(observation(8))
+    answer = client.ask(ROBOT_OBSERVATION, robot="r1")
+    assert (answer.message.seq, answer.payload) == (8, b"rgbdd")

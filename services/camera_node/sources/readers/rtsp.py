@@ -35,7 +35,7 @@ class RtspReader(OpenCVReader):
         frame = super().read()
         parts = urlsplit(self._address)
         counted = wire_bytes(parts.port or _PORTS.get(parts.scheme, 554))
-        self.bytes_read = max(self.bytes_read, counted[1] if counted else 0)
+        self.bytes_read = max(self.bytes_read, counted.received if counted else 0)
         return frame
 
     def diagnose(self) -> str:

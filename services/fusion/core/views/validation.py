@@ -305,7 +305,7 @@ def _last_view(fields: dict[str, Any], words: list[tuple[str, ...]]) -> LastView
 
 
 def _is_repeat(last: LastView, current: LastView, is_robot: bool) -> bool:
-    """Whether both are the same observation: a robot repeats its own, maybe with a new stamp, until it gets a command."""
+    """Whether both are the same observation: a robot may send its own twice, maybe with a new stamp."""
     if current.seq != last.seq:
         return False
     if current.stamp_ns == last.stamp_ns:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from surveilnav.services.camera_node.core.budget import TokenBucket, tier_of, views_to_improve
+from surveilnav.services.camera_node.core.budget import TokenBucket, soon_bytes, tier_of, views_to_improve
+from surveilnav.services.camera_node.core.link import Link
 
 RATE = 1000.0
 
@@ -68,8 +71,25 @@ FULL, EMPTY = TokenBucket(RATE, 2 * RATE, 0.0), TokenBucket(RATE, 0.0, 0.0)
     ],
 )
 def test_the_tier_of_a_view(choice, pictures_wanted, n_waiting, bucket, mean_bytes, tier):
-    got = tier_of(choice, 0, pictures_wanted=pictures_wanted, n_waiting=n_waiting, bucket=bucket, mean_bytes=mean_bytes)
+    soon = soon_bytes(bucket, Link())
+    got = tier_of(
+        choice, 0, pictures_wanted=pictures_wanted, n_waiting=n_waiting, soon_bytes=soon, mean_bytes=mean_bytes
+    )
     assert got == tier
+
+
+@pytest.mark.parametrize(
+    ("bucket", "rate_bytes_s", "bytes_"),
+    [
+        (None, None, math.inf),
+        (None, 200.0, 1000.0),
+        (FULL, None, 7000.0),
+        (FULL, 200.0, 1000.0),
+        (EMPTY, 2000.0, 5000.0),
+    ],
+)
+def test_what_can_be_sent_soon_is_the_less_of_budget_and_link(bucket, rate_bytes_s, bytes_):
+    assert soon_bytes(bucket, Link(rate_bytes_s=rate_bytes_s)) == bytes_
 
 
 @pytest.mark.parametrize(

@@ -17,6 +17,7 @@ from surveilnav.messages.view import PayloadPart
 from surveilnav.services.fusion.building_maps import BuildingMaps
 from surveilnav.services.fusion.config import FusionSettings
 from surveilnav.services.fusion.core import FusionConfig
+from surveilnav.services.fusion.intake import observations
 from surveilnav.services.fusion.intake import sources as module
 from surveilnav.services.fusion.intake.camera_searches import CameraSearches
 from surveilnav.services.fusion.intake.sources import Sources
@@ -91,10 +92,10 @@ class FakeNode:
         for name in names:
             self.robot(name)
 
-    def robot(self, name: str, floor: str = "0") -> None:
-        """It has said that it is on a floor."""
-        message = SimpleNamespace(floor=floor, description=RobotDescription())
-        self.statuses.said[name] = SimpleNamespace(ids={"robot": name}, message=message)
+    def robot(self, name: str, floor: str = "0", seq: int = 0) -> None:
+        """It has said that it is on a floor, and which observation is its newest."""
+        message = SimpleNamespace(floor=floor, description=RobotDescription(), seq=seq)
+        self.statuses.said[name] = SimpleNamespace(ids={"robot": name}, message=message, request_id="")
 
     def camera(self, name: str, views=(0,), z_m=1.8, floor="0") -> None:
         pose = Pose((0.0, 0.0, z_m), (0.0, 0.0, 0.0, 1.0))
@@ -315,6 +316,66 @@ def test_a_robot_that_takes_the_stairs_changes_shards():
     followed.says(seq=9, stamp_ns=9)
     frames, _ = followed.look()
     assert [frame.message.seq for frame in frames] == [9]
+
+
+class Asked:
+    """Has a robot's observation asked for, on a clock of the test's own."""
+
+    def __init__(self, followed, monkeypatch) -> None:
+        self.followed, self.now_s, self.asked_s = followed, 100.0, []
+        self.answer = None
+        monkeypatch.setattr(observations, "time", SimpleNamespace(monotonic=lambda: self.now_s))
+        followed.node.ask, followed.node.wake = self._ask, threading.Event()
+
+    def _ask(self, stream, **ids):
+        assert (stream, ids) == (contract.ROBOT_OBSERVATION, {"robot": "r"})
+        self.asked_s.append(self.now_s)
+        if self.answer is None:
+            raise Unanswered("nobody")
+        return self.answer
+
+    def look(self, seconds: float = 0.0) -> list[int]:
+        """The sequence numbers of what comes, over some time."""
+        came = []
+        for _ in range(1 + round(seconds * 4)):
+            before = len(threading.enumerate())
+            came += [frame.message.seq for frame in self.followed.look()[0]]
+            until(lambda before=before: len(threading.enumerate()) <= before)
+            self.now_s += 0.25
+        return came
+
+
+@pytest.fixture
+def asked(followed, monkeypatch):
+    followed.node.robot("r", seq=1)
+    return Asked(followed, monkeypatch)
+
+
+def test_nobody_asks_for_what_came(asked):
+    assert asked.look(60.0) == []
+    assert asked.asked_s == []
+
+
+def test_an_observation_that_got_lost_is_asked_for_ever_more_seldom_until_it_comes(asked):
+    asked.followed.node.robot("r", seq=2)
+    asked.look(35.0)
+    assert [round(at_s - 100.0) for at_s in asked.asked_s] == [1, 3, 7, 15, 31]
+    asked.answer = Received("", {"robot": "r"}, header(seq=2), b"", 1)
+    assert asked.look(35.0) == [2]
+    n = len(asked.asked_s)
+    asked.look(60.0)
+    assert len(asked.asked_s) == n
+
+
+def test_an_answer_that_came_too_late_isnt_let_in(asked):
+    asked.followed.node.robot("r", seq=2)
+    asked.answer = Received("", {"robot": "r"}, header(seq=2), b"", 1)
+    asked.look(0.75)
+    asked.now_s += 1.0
+    asked.followed.sources._follow_robots()  # asks
+    until(lambda: not asked.followed.sources._robots._answers.empty())
+    asked.followed.says(seq=3, stamp_ns=3)
+    assert asked.look() == [3]
 
 
 @pytest.mark.parametrize(
