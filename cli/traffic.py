@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from operator import itemgetter
@@ -24,7 +25,7 @@ _WATCH_S = 5.0
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from surveilnav.rest import MissionTraffic, SourceTraffic, Traffic
+    from surveilnav.rest import LinkTraffic, MissionTraffic, SourceTraffic, Traffic
 
 
 app = typer.Typer(
@@ -93,6 +94,7 @@ def show_cost(cost: MissionTraffic, console: Console) -> None:
             ("offered", human_bytes(cost.offered_bytes)),
             ("delivered", human_bytes(cost.delivered_bytes)),
             ("wire", human_bytes(cost.wire_sent_bytes)),
+            ("on links", link_words(cost.links)),
             ("a step", "" if step is None else human_bytes(round(step))),
             ("at most", "" if most is None else f"{human_bytes(round(most))}, if it uses all its steps"),
             ("note", "" if cost.alone else "other missions ran meanwhile: nobody can tell what was for which"),
@@ -109,12 +111,27 @@ def show_traffic(found: Traffic, console: Console, *, nodes: bool = False) -> No
     rows: list[list[Cell]] = [_source("camera", c) for c in found.cameras] + [_source("robot", r) for r in found.robots]
     total = [found.offered_bytes, found.delivered_bytes, found.wire_sent_bytes]
     listing(console, columns, [*rows, [("all processes", "bold"), *(human_bytes(n) for n in total), "", ""]])
-    links = found.links
-    named = (("cameras", links.camera_bytes), ("robots", links.robot_bytes), ("servers", links.server_bytes))
-    console.print("offered on links: " + ", ".join(f"{name} {human_bytes(n)}" for name, n in named))
+    console.print(f"offered on links: {link_words(found.links)}")
+    tiers: Counter[str] = Counter()
+    for camera in found.cameras:
+        tiers.update(camera.tier_bytes)
+    if tiers:
+        console.print("frames of cameras: " + ", ".join(f"{tier} {human_bytes(n)}" for tier, n in tiers.most_common()))
+    replaced, missing = (sum(getattr(s, f"{what}_bytes") for s in found.cameras) for what in ("replaced", "missing"))
+    if replaced or missing:
+        console.print(
+            f"of these {human_bytes(replaced)} were replaced by newer ones before they were read, and {human_bytes(missing)} "
+            "are on their way or were dropped by a full link"
+        )
     if nodes:
         console.print()
         _show_nodes(found, console)
+
+
+def link_words(links: LinkTraffic) -> str:
+    """The bytes of all links, without the simulator's."""
+    named = (("cameras", links.camera_bytes), ("robots", links.robot_bytes), ("servers", links.server_bytes))
+    return ", ".join(f"{name} {human_bytes(n)}" for name, n in named)
 
 
 def _source(kind: str, source: SourceTraffic) -> list[Cell]:

@@ -67,6 +67,7 @@ class ViewSender:
         self._bucket = TokenBucket.full(1000.0 * budget, time.monotonic()) if budget else None
         self._link = Link()
         self._waits_since_s: float | None = None
+        self._waiting: dict[int, int] = {}
         self._blind_until_s = 0.0
 
     @property
@@ -99,6 +100,7 @@ class ViewSender:
                 del left[0]
         if due:
             self._state = self._state.without(left)
+        self._count_unsent({v: versions[v] for v in left if v in due})
         self._report_waiting(len(left) if due else 0)
         self.sending = False
         return len(left) < n
@@ -154,7 +156,7 @@ class ViewSender:
         self._send_truth(view, frame.version)
         header = messages.frame_header(self._source, view, self._seq[view], frame, now_ns=clock_ns())
         self._link = self._link.with_frame(len(frame.payload), time.monotonic(), self._counts())
-        self._frames[view].put(header, frame.payload)
+        self._node.traffic.count_frame(frame.tier, self._frames[view].put(header, frame.payload))
         self._tiers[view], self._sent_s[view] = frame.tier, time.monotonic()
         if frame.tier == "features":
             n, total = self._features_bytes
@@ -185,12 +187,23 @@ class ViewSender:
         truth = truth_to_wire(picture.truth, source=source, view=view, seq=self._seq[view], stamp_ns=clock_ns())
         self._truths[view].put(*truth)
 
+    def _count_unsent(self, waiting: dict[int, int]) -> None:
+        """Counts pictures that waited and that newer ones have replaced. ``waiting``: by view, the version that waits now."""
+        for view, version in waiting.items():
+            if self._waiting.get(view, version) != version:
+                self._node.traffic.count_unsent(self._waits_for)
+        self._waiting = waiting
+
+    @property
+    def _waits_for(self) -> str:
+        return "budget" if self._bucket is not None and not self._bucket.allows else "link"
+
     def _report_waiting(self, n: int) -> None:
         """Tells everybody if views wait for the budget or the link for long, and for which."""
         now_s, why = time.monotonic(), {"budget": "", "link": ""}
         self._waits_since_s = None if not n else self._waits_since_s or now_s
         if self._waits_since_s is not None and now_s - self._waits_since_s >= _LONG_WAIT_S:
-            if self._bucket is not None and not self._bucket.allows:
+            if self._bucket is not None and self._waits_for == "budget":
                 rate = self._bucket.rate_bytes_s / 1000
                 why["budget"] = f"its budget of {rate:g} kB/s is too small: views wait for {_LONG_WAIT_S:g} s"
             else:

@@ -17,7 +17,7 @@ from prometheus_client import Metric
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, HistogramMetricFamily
 
 from surveilnav.histogram import EDGES_MS
-from surveilnav.messages import WorkerLoad
+from surveilnav.messages import Tier, WorkerLoad
 from surveilnav.mission_states import MissionStateName
 from surveilnav.rest import (
     Camera,
@@ -111,9 +111,14 @@ def _camera_metrics(state: BuildingMetrics) -> Iterator[Metric]:
         ("delivered_bytes", "Bytes under its keys that others got"),
         ("frame_bytes", "Bytes of its frames, counted in offered"),
         ("frames", "Frames that it put"),
+        ("replaced_bytes", "Bytes of its frames that arrived and were dropped unread, as a newer one came"),
+        ("missing_bytes", "Bytes of its frames that are on their way or were dropped by a full link"),
         ("viewer_bytes", "Bytes of thumbnails for people, counted in offered"),
     ):
         yield _counter(f"camera_{name}", what, sums, _source, lambda s, name=name: getattr(s, name))  # type: ignore[misc]
+    tiers = [(s.id, tier, n) for s in sums for tier, n in s.tier_bytes.items() if tier in get_args(Tier)]
+    what = "Bytes of its frames by tier"
+    yield _counter("camera_tier_bytes", what, tiers, lambda t: {"camera": t[0], "tier": t[1]}, lambda t: t[2])
     what = "Bytes that the kernel counted on the camera's own sockets"
     yield _counter("camera_wire_bytes", what, sums, _source, lambda s: s.wire_sent_bytes)
 
@@ -146,6 +151,8 @@ def _node_metrics(state: BuildingMetrics) -> Iterator[Metric]:
         yield _counter(f"node_{name}", what, nodes, labels, lambda n, name=name: getattr(n, name))  # type: ignore[misc]
     what = "How far its clock is ahead of the gateway's"
     yield _gauge("node_clock_offset_seconds", what, nodes, labels, lambda n: n.clock_offset_s)
+    what = "Frames that it never sent, as a newer picture came while they waited for budget or link"
+    yield _counter("node_unsent", what, nodes, labels, lambda n: sum(n.unsent.values()))
     what = "What it dropped because it couldn't be read"
     yield _counter("node_rejected", what, nodes, labels, lambda n: sum(n.rejected.values()))
 

@@ -10,8 +10,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from surveilnav.messages import FINISHED_STATES, MissionStatus
-from surveilnav.rest import MissionTraffic, Traffic
+from surveilnav.rest import LinkTraffic, MissionTraffic, Traffic
 from surveilnav.services.gateway.core.resources import utc
+from surveilnav.services.gateway.core.traffic_series import LINKS
 
 _MAX_MISSIONS = 1000
 #: The forecast takes the mean of so many of the newest steps: the first, when cameras are invoked, cost much more.
@@ -20,11 +21,15 @@ _RECENT_STEPS = 20
 
 @dataclass(frozen=True, slots=True)
 class ByteCounts:
-    """Bytes of all cameras and robots, without the pictures for people. ``wire`` is 0 where no kernel counts."""
+    """Bytes of all cameras and robots, without the pictures for people. ``wire`` is 0 where no kernel counts.
+
+    ``links``: what all processes offered, by link, in the order of ``LINKS``.
+    """
 
     offered: int = 0
     delivered: int = 0
     wire: int = 0
+    links: tuple[int, ...] = (0,) * len(LINKS)
 
     @classmethod
     def from_traffic(cls, traffic: Traffic) -> ByteCounts:
@@ -33,7 +38,9 @@ class ByteCounts:
         viewers = sum(s.viewer_bytes for s in sources)
         wire = sum(s.wire_sent_bytes or 0 for s in sources)
         delivered = sum(s.delivered_bytes for s in sources)
-        return cls(sum(s.offered_bytes for s in sources) - viewers, max(0, delivered - viewers), max(0, wire - viewers))
+        offered = sum(s.offered_bytes for s in sources)
+        links = tuple(getattr(traffic.links, f"{link}_bytes") for link in LINKS)
+        return cls(offered - viewers, max(0, delivered - viewers), max(0, wire - viewers), links)
 
     def since(self, before: ByteCounts) -> ByteCounts:
         """What came after ``before``. A process that was restarted counts from 0 again: that isn't less than nothing."""
@@ -41,10 +48,12 @@ class ByteCounts:
             max(0, self.offered - before.offered),
             max(0, self.delivered - before.delivered),
             max(0, self.wire - before.wire),
+            tuple(max(0, now - then) for now, then in zip(self.links, before.links, strict=True)),
         )
 
     def __add__(self, other: ByteCounts) -> ByteCounts:
-        return ByteCounts(self.offered + other.offered, self.delivered + other.delivered, self.wire + other.wire)
+        links = tuple(a + b for a, b in zip(self.links, other.links, strict=True))
+        return ByteCounts(self.offered + other.offered, self.delivered + other.delivered, self.wire + other.wire, links)
 
 
 @dataclass(slots=True)
@@ -89,6 +98,7 @@ class MissionUsage:
             wire_sent_bytes=self.spent.wire,
             alone=self.alone,
             whole=self.whole,
+            links=LinkTraffic(**{f"{link}_bytes": n for link, n in zip(LINKS, self.spent.links, strict=True)}),
             per_step_bytes=self.per_step,
             at_most_bytes=self.at_most(status),
             last_seen=utc(seen_ns),

@@ -20,6 +20,8 @@ from surveilnav.services.gateway.core.resources import utc
 from surveilnav.services.gateway.core.traffic_series import LINKS
 
 _CAMERA_STREAMS = [s for s in contract.STREAMS if "camera" in s.fields]
+#: Each has one reader, so that what was offered and what arrived can be compared.
+_FRAMES = (contract.CAMERA_FRAME.name, contract.ROBOT_OBSERVATION.name)
 _ROBOT_STREAMS = [s for s in contract.STREAMS if "robot" in s.fields]
 
 
@@ -98,6 +100,7 @@ def _node(report: TrafficReport, received: ReportAge) -> NodeTraffic:
         simulation_bytes=sum(r.n_bytes for r in report.rows) - sum(r.n_bytes for r in real),
         clock_offset_s=(report.stamp_ns - received.seen_ns) / 1e9 if received.seen_ns else None,
         rejected=report.rejected,
+        unsent=report.unsent,
         release=report.release,
         other_release=report.release != surveilnav.__version__,
         problems=report.problems,
@@ -123,38 +126,51 @@ def _owner_and_stream(key: str, kind: str) -> tuple[str, str] | None:
 def _sources(reports: list[TrafficReport], kind: str, received: Mapping[str, ReportAge]) -> list[SourceTraffic]:
     #: id -> node -> rows
     rows: dict[str, dict[str, list[_Row]]] = defaultdict(lambda: defaultdict(list))
-    wire = {f"{r.kind}/{r.node}": r.wire_sent_bytes for r in reports}
+    by_name = {f"{r.kind}/{r.node}": r for r in reports}
     for report in reports:
         for row in report.rows:
             if found := _owner_and_stream(row.key, kind):
                 rows[found[0]][f"{report.kind}/{report.node}"].append(
                     _Row(found[1], row.direction, row.n_bytes, row.messages)
                 )
-    return [_source(kind, id, rows[id], wire, received) for id in sorted(rows)]
+    return [_source(kind, id, rows[id], by_name, received) for id in sorted(rows)]
 
 
 def _source(
     kind: str,
     id: str,
     by_node: dict[str, list[_Row]],
-    wire: dict[str, int | None],
+    reports: Mapping[str, TrafficReport],
     received: Mapping[str, ReportAge],
 ) -> SourceTraffic:
     node = _sender(f"{kind}/{id}", by_node)
     offered = [row for row in by_node.get(node, ()) if row.direction == "offered"]
     delivered = [row for name, rows in by_node.items() if name != node for row in rows if row.direction == "delivered"]
-    frames = [r for r in offered if r.stream in (contract.CAMERA_FRAME.name, contract.ROBOT_OBSERVATION.name)]
+    frames = [r for r in offered if r.stream in _FRAMES]
+    arrived = {
+        direction: sum(
+            r.n_bytes
+            for name, rows in by_node.items()
+            for r in rows
+            if name != node and r.stream in _FRAMES and r.direction == direction
+        )
+        for direction in ("delivered", "replaced")
+    }
     by_stream: dict[str, int] = defaultdict(int)
     for row in offered:
         by_stream[row.stream] += row.n_bytes
     seen_ns, stale = received.get(node, ReportAge())
+    report = reports.get(node)
     return SourceTraffic(
         id=id,
         node=node,
         offered_bytes=sum(r.n_bytes for r in offered),
         delivered_bytes=sum(r.n_bytes for r in delivered),
-        wire_sent_bytes=wire.get(node),
-        frame_bytes=sum(r.n_bytes for r in frames),
+        wire_sent_bytes=report.wire_sent_bytes if report else None,
+        frame_bytes=(frame_bytes := sum(r.n_bytes for r in frames)),
+        tier_bytes=report.tier_bytes if report else {},
+        replaced_bytes=arrived["replaced"],
+        missing_bytes=max(0, frame_bytes - sum(arrived.values())),
         frames=sum(r.messages for r in frames),
         viewer_bytes=by_stream.get(contract.CAMERA_REQUEST.name, 0),
         by_stream=dict(by_stream),

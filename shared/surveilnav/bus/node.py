@@ -157,6 +157,8 @@ class Node:
             node=self.id,
             kind=self.kind,
             rows=self.traffic.rows(),
+            tier_bytes=self.traffic.tier_bytes(),
+            unsent=self.traffic.unsent(),
             rejected=self.traffic.rejected(),
             release=surveilnav.__version__,
             problems=self._problems,

@@ -36,8 +36,9 @@ class Publisher:
         with bus_errors(self.key):
             return bool(self._publisher.matching_status.matching)  # type: ignore[attr-defined]
 
-    def put(self, message: Message, payload: bytes = b"") -> None:
-        """Publishes a message, with a payload if the stream has one. Raises BusError if it can't be sent."""
+    def put(self, message: Message, payload: bytes = b"") -> int:
+        """Publishes a message, with a payload if the stream has one, and returns the bytes that were offered. Raises BusError if
+        it can't be sent."""
         header = encode(message)
         if self._stream.payload:
             attachment = attach_request_id(header)
@@ -46,22 +47,34 @@ class Publisher:
         check_size(self.key, attachment, payload)
         with bus_errors(self.key):
             self._publisher.put(payload, attachment=attachment or None)
-        self._connection.traffic.count(self.key, "offered", len(attachment) + len(payload) + len(self.key))
+        n_bytes = len(attachment) + len(payload) + len(self.key)
+        self._connection.traffic.count(self.key, "offered", n_bytes)
+        return n_bytes
 
     def close(self) -> None:
         self._publisher.undeclare()  # type: ignore[no-untyped-call]
 
 
 class LatestMessage(Generic[M]):
-    """The newest message of one key. Older ones are overwritten before they are decoded."""
+    """The newest message of one key. Older ones are replaced before they are decoded, and counted."""
 
     def __init__(self, connection: Connection, stream: Stream, key: str) -> None:
         self._connection, self._stream = connection, stream
-        self._subscriber = connection.session_for(stream).declare_subscriber(key, zenoh.handlers.RingChannel(1))
+        self._sample: Any = None
+        self._lock = threading.Lock()
+        self._subscriber = connection.session_for(stream).declare_subscriber(key, self._on_sample)
+
+    def _on_sample(self, sample: Any) -> None:
+        with self._lock:
+            old, self._sample = self._sample, sample
+        if old is not None:
+            key, attachment = str(old.key_expr), 0 if old.attachment is None else len(old.attachment)
+            self._connection.traffic.count(key, "replaced", len(old.payload) + attachment + len(key))
 
     def poll(self) -> Received[M] | None:
         """The newest message since the last poll, or None."""
-        sample = self._subscriber.try_recv()
+        with self._lock:
+            sample, self._sample = self._sample, None
         return None if sample is None else self._connection.decode(self._stream, sample)
 
     def close(self) -> None:

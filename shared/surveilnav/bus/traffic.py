@@ -20,7 +20,7 @@ from surveilnav.messages import TrafficRow
 _MAX_ROWS = 20_000
 OTHER_KEYS = "(other keys)"
 
-Direction = Literal["offered", "delivered"]
+Direction = Literal["offered", "delivered", "replaced"]
 _TCP_INFO_QUEUED = 16, 24, 144  # of tcpi_snd_mss, tcpi_unacked (in segments) and tcpi_notsent_bytes
 _TCP_INFO_BYTES_ACKED = 120  # offset of tcpi_bytes_acked, linux/tcp.h
 _TCP_INFO_BYTES_RECEIVED = 128  # of tcpi_bytes_received
@@ -35,6 +35,8 @@ class TrafficMeter:
         self._messages: Counter[tuple[str, Direction]] = Counter()
         self._bytes: Counter[tuple[str, Direction]] = Counter()
         self._rejected: Counter[str] = Counter()
+        self._tier_bytes: Counter[str] = Counter()
+        self._unsent: Counter[str] = Counter()
 
     def count(self, key: str, direction: Direction, n_bytes: int) -> None:
         """Counts one message of ``n_bytes`` (payload, attachment and key)."""
@@ -49,6 +51,26 @@ class TrafficMeter:
         with self._lock:
             self._rejected[reason] += 1
             return self._rejected[reason]
+
+    def count_frame(self, tier: str, n_bytes: int) -> None:
+        """Counts a frame of a camera by its tier, beside its key."""
+        with self._lock:
+            self._tier_bytes[tier] += n_bytes
+
+    def count_unsent(self, reason: str) -> None:
+        """Counts a frame of a camera that won't be sent, because a newer one of its view took its place."""
+        with self._lock:
+            self._unsent[reason] += 1
+
+    def tier_bytes(self) -> dict[str, int]:
+        """Bytes of frames so far, by tier."""
+        with self._lock:
+            return dict(self._tier_bytes)
+
+    def unsent(self) -> dict[str, int]:
+        """How many frames weren't sent, by reason."""
+        with self._lock:
+            return dict(self._unsent)
 
     def rows(self) -> list[TrafficRow]:
         """Messages and bytes so far, by key and direction."""

@@ -56,10 +56,13 @@ class ServiceList(Message, frozen=True, kw_only=True):
 
 
 class TrafficRow(msgspec.Struct, frozen=True):
-    """Messages and bytes of one key at one node since the node started."""
+    """Messages and bytes of one key at one node since the node started.
+
+    ``direction``: "replaced": they arrived, and a newer message of their key came before the node looked.
+    """
 
     key: str
-    direction: Literal["offered", "delivered"]
+    direction: Literal["offered", "delivered", "replaced"]
     messages: int
     n_bytes: int
 
@@ -68,7 +71,10 @@ class TrafficReport(Message, frozen=True, kw_only=True):
     """Traffic of a node.
 
     Attributes:
-        rows: bytes offered and delivered, by key.
+        rows: bytes offered, delivered and replaced, by key.
+        tier_bytes: of a camera's offered frames, by tier.
+        unsent: how many frames of a camera were never sent, because a newer picture of their view came while they waited: by
+            what they waited for.
         wire_sent_bytes, wire_received_bytes: the kernel's count on the node's sockets; None: unknown.
         rejected: how often received data was dropped, by reason.
         release: the version of SurveilNav that the node runs; empty: it is so old that it doesn't say.
@@ -78,6 +84,8 @@ class TrafficReport(Message, frozen=True, kw_only=True):
     node: str
     kind: str
     rows: list[TrafficRow]
+    tier_bytes: dict[str, int] = {}
+    unsent: dict[str, int] = {}
     wire_sent_bytes: int | None = None
     wire_received_bytes: int | None = None
     rejected: dict[str, int] = {}

@@ -8,6 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from surveilnav.rest import examples
 from surveilnav.rest.base import ID_PATTERN, Number, Resource, Text
+from surveilnav.rest.system import LinkTraffic
 
 #: The states of a mission that has ended; the same as ``surveilnav.messages.FINISHED_STATES``.
 FINISHED_STATES = ("done", "failed", "cancelled")
@@ -119,6 +120,7 @@ class MissionTraffic(Resource):
         description="false: other missions ran at the same time, and the bytes of all of them are counted here"
     )
     whole: bool = Field(description="false: the gateway started later than the mission, and missed its beginning")
+    links: LinkTraffic = Field(default=LinkTraffic(), description="all that was offered meanwhile, by all processes")
     per_step_bytes: Number = Field(description="offered per step, mean of the newest 20 steps; null before that")
     at_most_bytes: Number = Field(
         description="offered in the end, if the coming steps cost as much and the mission uses all of them"

@@ -47,6 +47,11 @@ class NodeTraffic(Resource):
         "times of pictures whose clock is ahead by more than a second",
     )
     rejected: dict[str, int] = Field(description="what it dropped because it couldn't be read, by reason")
+    unsent: dict[str, int] = Field(
+        default={},
+        description="how many frames it never sent because a newer picture came while they waited, by what they waited for: "
+        "`budget` or `link`",
+    )
     release: str = Field(default="", description="the version of SurveilNav that it runs; empty: it doesn't say")
     other_release: bool = Field(default=False, description="whether that isn't the gateway's own")
     problems: dict[str, str] = Field(
@@ -64,6 +69,13 @@ class SourceTraffic(Resource):
     wire_sent_bytes: int | None
     frame_bytes: int
     frames: int
+    tier_bytes: dict[str, int] = Field(default={}, description="frame_bytes of a camera by tier")
+    replaced_bytes: int = Field(
+        default=0, description="frames that arrived and were dropped unread: a newer one of their view came before"
+    )
+    missing_bytes: int = Field(
+        default=0, description="frames that haven't arrived: they are on their way, or a full link has dropped them"
+    )
     viewer_bytes: int = Field(description="thumbnails for people, counted in offered_bytes too")
     by_stream: dict[str, int] = Field(description="offered bytes by stream of the contract")
 

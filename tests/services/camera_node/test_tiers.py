@@ -7,6 +7,7 @@ import time
 import numpy as np
 import pytest
 
+from surveilnav.bus.traffic import WireBytes
 from surveilnav.contract import CAMERA_FRAME, CAMERA_INFO, CAMERA_REQUEST
 from surveilnav.errors import ConfigError, PerceptionError
 from surveilnav.messages import CameraRequest, ModelIds
@@ -16,6 +17,7 @@ from surveilnav.sensing.perceived import perceived_reply
 from surveilnav.sensing.views import DetectedObject, ViewPerception
 from surveilnav.services.camera_node.config import CameraSettings
 from surveilnav.services.camera_node.core.budget import TokenBucket
+from surveilnav.services.camera_node.core.link import Link
 from surveilnav.services.camera_node.own_perception import OwnPerception
 from surveilnav.services.camera_node.service import CameraService
 from tests.waiting import patient, until
@@ -239,3 +241,53 @@ def test_what_the_budget_makes_wait_comes_in_the_order_that_is_wanted(start, cli
 def test_people_are_told_the_tier(start, client):
     start(Looking(), tier="auto")
     assert client.ask(CAMERA_INFO, **PLACE).message.tier == "auto"
+
+
+class SlowLink:
+    """A node's link whose kernel counts are the test's: nothing of what is sent arrives until ``arrives``."""
+
+    def __init__(self, node) -> None:
+        self.acknowledged, self.queued = 0, 10_000
+        node.wire_bytes = lambda: WireBytes(0, 0, self.acknowledged, 100, self.queued)
+
+    def arrives(self) -> None:
+        self.acknowledged += 1_000_000
+
+
+def test_a_slow_link_gets_one_frame_at_a_time_and_those_that_wait_are_the_newest(start, client, camera_node):
+    frames = listen(client, range(3))
+    service, _ = start(Looking(), views=range(3), tier="jpeg+depth")
+    link = SlowLink(camera_node)
+    for n in range(3):
+        assert service.step()
+        assert not service.step()
+        service.camera.versions[2] += 1  # view 2 waits longest
+        until(lambda n=n: len(frames) == n + 1)
+        link.arrives()
+    assert [f.view for f in frames] == [0, 1, 2]
+    report = camera_node.traffic_report()
+    assert report.unsent == {"link": 1}, "one picture of view 2 waited and was replaced; its last one was sent"
+    assert report.tier_bytes["jpeg+depth"] == sum(r.n_bytes for r in report.rows if "/frame/" in r.key)
+
+
+def test_a_link_that_takes_too_little_gets_objects_and_people_are_told(start, client, camera_node, monkeypatch):
+    frames = listen(client, range(4))
+    service, _ = start(Looking(), views=range(4), tier="auto")
+    link = SlowLink(camera_node)
+    sender = service._sender
+    sender._link = Link(rate_bytes_s=1000.0)  # four views of 9 kB would take it half a minute
+    service.step()
+    assert [f.tier for f in until(lambda: frames)] == ["objects"]
+    monkeypatch.setattr("surveilnav.services.camera_node.view_sender._LONG_WAIT_S", 0.05)
+    time.sleep(0.1)
+    service.step()
+    assert "its link is too slow" in camera_node.traffic_report().problems["link"]
+
+    def all_sent() -> bool:
+        link.arrives()
+        service.step()
+        return len({f.view for f in frames}) == 4
+
+    until(all_sent)
+    service.step()
+    assert not camera_node.traffic_report().problems

@@ -19,14 +19,17 @@ def test_a_slot_keeps_only_the_newest(make_node, truth):
     assert not publisher.matched
     slot = receiver.latest(TRUTH, source="robot-r1", view=0)
     until(lambda: publisher.matched)
-    for seq in range(20):
-        publisher.put(truth(seq), b"x" * 100_000)
+    offered = sum(publisher.put(truth(seq), b"x" * 100_000) for seq in range(20))
     time.sleep(0.3)
     received = slot.poll()
     assert received.message.seq == 19
     assert len(received.payload) == 100_000
     assert received.ids["source"] == "robot-r1"
     assert slot.poll() is None
+    counted = {row.direction: row.n_bytes for row in receiver.traffic.rows() if row.key == publisher.key}
+    assert set(counted) == {"delivered", "replaced"}
+    assert counted["delivered"] < 200_000
+    assert sum(counted.values()) == offered
     slot.close()
     until(lambda: not publisher.matched)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from surveilnav.messages import MissionStatus
+from surveilnav.rest import LinkTraffic
 from surveilnav.services.gateway.core.mission_traffic import _MAX_MISSIONS, ByteCounts, MissionUsages
 
 
@@ -35,6 +36,14 @@ def test_only_what_is_sent_while_it_runs_counts():
     assert usage.spent == ByteCounts(1500, 1300, 1500)
     assert usage.whole
     assert usage.alone
+
+
+def test_what_goes_over_each_link_meanwhile_is_the_missions_too():
+    usages = MissionUsages()
+    for links in ((10, 10, 10, 10), (110, 20, 10, 10), (115, 20, 3, 10)):  # a server was started again
+        usages.update([status(step=1)], ByteCounts(links=links))
+    cost = usages.get("m").resource(status(step=1), 1)
+    assert cost.links == LinkTraffic(camera_bytes=105, robot_bytes=10, server_bytes=0, simulation_bytes=0)
 
 
 def test_a_process_that_starts_anew_counts_for_nothing_less():

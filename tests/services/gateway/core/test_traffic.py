@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import msgspec
 import pytest
 
 from surveilnav import __version__, contract
@@ -66,6 +67,26 @@ def test_a_cameras_three_numbers():
     assert (camera.offered_bytes, camera.delivered_bytes, camera.wire_sent_bytes) == (1130, 1120, 1300)
     assert (camera.frame_bytes, camera.frames, camera.viewer_bytes) == (1000, 2, 30)
     assert camera.by_stream == {"camera_frame": 1000, "camera_summary": 100, "camera_request": 30}
+
+
+def test_frames_that_nobody_read_are_known_by_reason():
+    sender = msgspec.structs.replace(
+        REPORTS[0], tier_bytes={"features": 400, "objects": 600}, unsent={"link": 7}, stamp_ns=2
+    )
+    readers = [
+        report("fusion", "low", (FRAME, "delivered", 1, 300), (FRAME, "replaced", 1, 250), (REQUEST, "replaced", 1, 9)),
+        report("fusion", "high", (FRAME, "delivered", 1, 50)),
+    ]
+    found = sum_traffic([sender, *readers])
+    (camera,) = found.cameras
+    assert camera.tier_bytes == {"features": 400, "objects": 600}
+    assert (camera.frame_bytes, camera.replaced_bytes, camera.missing_bytes) == (1000, 250, 400)
+    assert {node.id: node.unsent for node in found.nodes if node.unsent} == {"c1": {"link": 7}}
+
+
+def test_what_was_counted_later_at_the_sender_isnt_less_than_nothing():
+    (camera,) = sum_traffic([REPORTS[0], report("fusion", "f", (FRAME, "delivered", 3, 1500))]).cameras
+    assert camera.missing_bytes == 0
 
 
 def test_a_robots_three_numbers_leave_out_its_orders():

@@ -7,6 +7,7 @@ import { html, useEffect, useState } from "../ui.js";
 
 const NAMES = { offered_bytes: "offered", delivered_bytes: "delivered", wire_sent_bytes: "on the wire" };
 const CLASSES = { offered_bytes: "offered", delivered_bytes: "delivered", wire_sent_bytes: "wire" };
+const LINKS = [["camera_bytes", "cameras"], ["robot_bytes", "robots"], ["server_bytes", "servers"]];
 const FIRST = 12;
 const perSecond = v => `${bytes(v)}/s`;
 const seriesOf = id => NUMBERS.map(n => ({ name: CLASSES[n], values: ratesOf(id).map(p => p[n]) }));
@@ -30,6 +31,7 @@ export function TrafficPanel() {
     ${total ? html`<div class="scroll"><table class="traffic"><thead><tr><th scope="col">source</th><th scope="col" class="spark">last 5 min</th>${NUMBERS.map(n => html`<th scope="col" class="n">${NAMES[n]}</th>`)}<th scope="col" class="n">for viewers</th></tr></thead>
       <tbody><${Row} id="total" sums=${total} chosen=${shown} choose=${setSource} />${rows.slice(0, FIRST).map(([id, sums]) => html`<${Row} key=${id} id=${id} sums=${sums} chosen=${shown} choose=${setSource} />`)}</tbody></table></div>`
       : html`<p class="empty">No node has told what it sent yet.</p>`}
+    ${total?.links && html`<p class="soft small links">offered on links: ${LINKS.map(([n, name]) => html`<span>${name} <b>${bytes(total.links[n])}</b></span> `)}</p>`}
     ${rows.length > FIRST && html`<p class="soft small">and ${rows.length - FIRST} more, by <a href="docs">REST</a> and for Prometheus</p>`}
   </section>`;
 }
