@@ -24,7 +24,7 @@ from surveilnav.services.camera_node.sources.source import Source
 #: Views that wait longer than this for the budget or the link are a problem that people should know of.
 _LONG_WAIT_S = 10.0
 #: So long the loop waits for the link at a time, and so often it looks meanwhile.
-_LINK_WAIT_S, _LINK_POLL_S = 0.02, 0.001
+_LINK_WAIT_S, _LINK_POLL_S = 0.02, 0.002
 #: Pause after the camera's own perception failed.
 _RETRY_S = 60.0
 

@@ -27,7 +27,7 @@ from surveilnav.bus.publishing import LatestMessage, Publisher, Subscription, Ta
 from surveilnav.bus.queries import Answer, Handler, QueryServer, Question, RetryAfterMs
 from surveilnav.bus.settings import BusSettings
 from surveilnav.bus.tls import check_owner
-from surveilnav.bus.traffic import WireBytes, wire_bytes
+from surveilnav.bus.traffic import WireBytes, WireCounter
 from surveilnav.bus.wire import clock_ns
 from surveilnav.contract import TRAFFIC, Stream
 from surveilnav.errors import BusError
@@ -71,6 +71,7 @@ class Node:
         self.kind, self.id = kind, id
         self.settings = settings or BusSettings()
         self.building = self.settings.building
+        self._wire = WireCounter(self.settings.router_port)
         self._connection = Connection(f"{kind}/{id}", self.settings)
         self._presence = Presence(self._connection)
         self.log, self.traffic = self._connection.log, self._connection.traffic
@@ -168,7 +169,7 @@ class Node:
 
     def wire_bytes(self) -> WireBytes | None:
         """What the kernel has counted of this process's connection so far; None where it can't be asked."""
-        return wire_bytes(self.settings.router_port)
+        return self._wire.read()
 
     # --- publishing -----------------------------------------------------------------------------------------------
 

@@ -7,17 +7,23 @@ no tool and no privilege.
 
 from __future__ import annotations
 
+import math
 import os
 import socket
 import struct
 import threading
+import time
 from collections import Counter
+from collections.abc import Iterator
+from contextlib import suppress
 from typing import Literal, NamedTuple
 
 from surveilnav.messages import TrafficRow
 
 #: Number of keys that are counted separately; 1,000 cameras have 13,000. All others are counted together.
 _MAX_ROWS = 20_000
+#: So often a ``WireCounter`` looks which sockets there are.
+_LOOK_S = 1.0
 OTHER_KEYS = "(other keys)"
 
 Direction = Literal["offered", "delivered", "replaced"]
@@ -107,29 +113,54 @@ class WireBytes(NamedTuple):
     queued: int
 
 
-def wire_bytes(port: int) -> WireBytes | None:
-    """What this process's TCP sockets to a remote port, such as the router's, have sent; None without /proc."""
-    total: WireBytes | None = None
+class WireCounter:
+    """Reads the kernel's counts on this process's TCP sockets to a remote port, such as the router's. Thread-safe."""
+
+    def __init__(self, port: int) -> None:
+        self._port = port
+        self._found: tuple[int, ...] = ()
+        self._looked_s = -math.inf
+
+    def read(self) -> WireBytes | None:
+        """The counts so far; None without /proc, or without such a socket."""
+        now_s = time.monotonic()
+        if now_s - self._looked_s < _LOOK_S:
+            infos = [_tcp_info(descriptor, self._port) for descriptor in self._found]
+        else:  # which ones there are is seldom news, and takes ten times as long to find out
+            infos = [None]
+        if None in infos:
+            self._found, self._looked_s = tuple(d for d in _sockets() if _tcp_info(d, self._port)), now_s
+            infos = [_tcp_info(descriptor, self._port) for descriptor in self._found]
+        total: WireBytes | None = None
+        for info in infos:
+            if info is not None and len(info) >= _TCP_INFO_BYTES_SENT + 8:
+                total = _with_socket(total or WireBytes(0, 0, 0, 0, 0), info)
+        return total
+
+
+def _sockets() -> Iterator[int]:
+    """The descriptors of this process that are sockets; none without /proc."""
     try:
         descriptors = os.listdir("/proc/self/fd")
     except OSError:
-        return None
+        return
     for name in descriptors:
-        try:
-            if not os.readlink(f"/proc/self/fd/{name}").startswith("socket:"):
-                continue
-            with socket.socket(fileno=os.dup(int(name))) as sock:
-                if sock.type != socket.SOCK_STREAM or sock.family not in (socket.AF_INET, socket.AF_INET6):
-                    continue
-                if sock.getpeername()[1] != port:
-                    continue
-                info = sock.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, 256)
-        except OSError:
-            continue  # closed meanwhile, or not connected
-        if len(info) < _TCP_INFO_BYTES_SENT + 8:
-            return None
-        total = _with_socket(total or WireBytes(0, 0, 0, 0, 0), info)
-    return total
+        with suppress(OSError):  # closed meanwhile
+            if os.readlink(f"/proc/self/fd/{name}").startswith("socket:"):
+                yield int(name)
+
+
+def _tcp_info(descriptor: int, port: int) -> bytes | None:
+    """TCP_INFO of a socket that is connected to a remote port; None: it isn't, or not any more."""
+    try:
+        with socket.socket(fileno=os.dup(descriptor)) as sock:
+            if sock.type != socket.SOCK_STREAM or sock.family not in (socket.AF_INET, socket.AF_INET6):
+                return None
+            if sock.getpeername()[1] != port:
+                return None
+            return sock.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, 256)
+    except OSError:
+        return None
 
 
 def _with_socket(total: WireBytes, info: bytes) -> WireBytes:

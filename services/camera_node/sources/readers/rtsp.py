@@ -9,7 +9,7 @@ from urllib.parse import urlsplit
 
 import cv2
 
-from surveilnav.bus.traffic import wire_bytes
+from surveilnav.bus.traffic import WireCounter
 from surveilnav.services.camera_node.sources.readers.opencv import OPEN_TIMEOUT_MS, READ_TIMEOUT_MS, OpenCVReader
 from surveilnav.services.camera_node.sources.readers.reader import CapturedFrame
 
@@ -34,7 +34,7 @@ class RtspReader(OpenCVReader):
         """As ``OpenCVReader.read``. The bytes are the kernel's count on the connection, since OpenCV doesn't say."""
         frame = super().read()
         parts = urlsplit(self._address)
-        counted = wire_bytes(parts.port or _PORTS.get(parts.scheme, 554))
+        counted = WireCounter(parts.port or _PORTS.get(parts.scheme, 554)).read()
         self.bytes_read = max(self.bytes_read, counted.received if counted else 0)
         return frame
 
