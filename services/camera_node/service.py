@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from typing import Any
 
 from surveilnav.bus import Answer, Node, Refused, Request, clock_ns
@@ -36,7 +37,7 @@ class CameraService:
         settings.check_tier()
         self.paused = False
         self._sender = ViewSender(node, source, settings, own, paused=lambda: self.paused)
-        self._requested: set[int] = set()
+        self._requested: dict[int, float] = {}  # by view, when it was asked for
         self._lock = threading.Lock()
         node.serve(CAMERA_INFO, lambda _: Answer(self._info()), **ids)
         node.serve(CAMERA_REQUEST, self._on_request, **ids)
@@ -53,7 +54,7 @@ class CameraService:
         if _announced_of(self._source.stream) != self._announced:
             self._announce()
         with self._lock:
-            requested, self._requested = self._requested, set()
+            requested, self._requested = self._requested, {}
         return self._sender.step(requested)
 
     def _info(self) -> CameraInfo:
@@ -82,7 +83,7 @@ class CameraService:
                 raise Refused("busy", f"view {views[0]} has no picture yet: ask again later")
             return Answer(Ack(stamp_ns=clock_ns()), self._sender.encoder.thumbnail(views[0], request.message.width_px))
         with self._lock:
-            self._requested |= set(views)
+            self._requested |= dict.fromkeys(views, time.monotonic())
         if request.message.pictures:
             self._sender.want_pictures(views)
         self._node.wake.set()

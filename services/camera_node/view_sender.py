@@ -3,8 +3,9 @@ faster than the link takes them."""
 
 from __future__ import annotations
 
+import math
 import time
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
 
 from surveilnav.bus import Node, clock_ns
@@ -78,12 +79,16 @@ class ViewSender:
         """Has these views sent with their pictures, as long as somebody listens to them."""
         self._pictures_wanted |= set(views)
 
-    def step(self, requested: Collection[int]) -> bool:
-        """Sends the views that are due, as far as the budget allows. True if any was sent."""
+    def step(self, asked_s: Mapping[int, float]) -> bool:
+        """Sends the views that are due, as far as the budget allows. True if any was sent.
+
+        ``asked_s``: by view, when somebody asked for it again. Who asked before it was sent has it by now.
+        """
+        requested = {v for v, at_s in asked_s.items() if self._sent_s.get(v, -math.inf) <= at_s}
         paused = self._paused()
         matched = {v for v, publisher in self._frames.items() if publisher.matched}
         versions = {v: version for v in self._frames if (version := self._source.version(v)) is not None}
-        self._asked = (self._asked | set(requested)) & matched if not paused else set()
+        self._asked = (self._asked | requested) & matched if not paused else set()
         self._pictures_wanted &= matched
         self._state, due = sending.views_to_send(
             self._state, versions=versions, matched=matched, requested=self._asked, paused=paused

@@ -5,11 +5,13 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 from surveilnav import contract
 from surveilnav.bus import Node, Received
 from surveilnav.contract import Stream
+from surveilnav.messages import TrafficReport
 from surveilnav.rest import ROOT
 
 #: Streams whose messages are only published on change are queried again after this time.
@@ -25,13 +27,22 @@ class LastKnown:
     that the gateway hadn't noticed yet. So such streams, and those whose caller ``asks``, are also queried, every ``REFRESH_S``,
     by the first caller after that time; its call blocks until the answers are there. With ``publishers``, the kind of node
     that the stream comes from, this is done once a minute only while each node of that kind has said something since it came.
+    ``merge`` makes one message of that which is known of a key and a newer one; None: the newer one counts.
     """
 
-    def __init__(self, node: Node, stream: Stream, capacity: int = 20_000, publishers: str = "") -> None:
+    def __init__(
+        self,
+        node: Node,
+        stream: Stream,
+        capacity: int = 20_000,
+        publishers: str = "",
+        merge: Callable[[Any, Any], Any] | None = None,
+    ) -> None:
         self._node, self._stream, self._capacity, self._publishers = node, stream, capacity, publishers
+        self._merge = merge
         #: Called with every published message, on the bus's own thread.
         self.on_message: Callable[[Received[Any]], None] = lambda _: None
-        self._table = node.table(stream, on_message=lambda row: self.on_message(row))
+        self._table = node.table(stream, on_message=lambda row: self.on_message(row), merge=merge)
         self._answers: dict[str, Received[Any]] = {}
         self._present: set[str] = set()  # publishers, when it was last looked
         self._unheard: set[str] = set()  # publishers that have come since the last query
@@ -45,6 +56,8 @@ class LastKnown:
         for row in self._table.rows():
             known = merged.get(row.key)
             if known is None or known.message.stamp_ns <= row.message.stamp_ns:
+                if known is not None and self._merge is not None:
+                    row = replace(row, message=self._merge(known.message, row.message))
                 merged[row.key] = row
         return [merged[key] for key in sorted(merged)]
 
@@ -131,7 +144,7 @@ class BuildingState:
         self.removals = LastKnown(node, contract.MAP_REMOVALS)
         self.recorders = LastKnown(node, contract.RECORDER_STATUS)
         self.services = LastKnown(node, contract.SERVICES)
-        self.traffic = LastKnown(node, contract.TRAFFIC)
+        self.traffic = LastKnown(node, contract.TRAFFIC, merge=TrafficReport.merged)
         self.replays = LastKnown(node, contract.REPLAY)
         for kind in _KINDS:
             node.alive(kind)  # the first call starts watching

@@ -470,7 +470,7 @@ TRAFFIC = Stream(
     1.0,
     60_000,
     "data",
-    "bytes offered and delivered per key, bytes on the wire; at most at this rate, seldom while little is sent",
+    "bytes per key, of the keys that have changed, and on the wire; at most at this rate, seldom while little is sent",
 )
 RECORDER_STATUS = Stream(
     "recorder_status",

@@ -20,6 +20,8 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Any
 
+import msgspec
+
 import surveilnav
 from surveilnav.bus.connection import Connection, Received
 from surveilnav.bus.presence import Presence
@@ -27,7 +29,7 @@ from surveilnav.bus.publishing import LatestMessage, Publisher, Subscription, Ta
 from surveilnav.bus.queries import Answer, Handler, QueryServer, Question, RetryAfterMs
 from surveilnav.bus.settings import BusSettings
 from surveilnav.bus.tls import check_owner
-from surveilnav.bus.traffic import WireBytes, WireCounter
+from surveilnav.bus.traffic import ReportedRows, WireBytes, WireCounter
 from surveilnav.bus.wire import clock_ns
 from surveilnav.contract import TRAFFIC, Stream
 from surveilnav.errors import BusError
@@ -127,7 +129,7 @@ class Node:
     def _housekeeping(self) -> None:
         """Once a second: reports traffic if that is due, and touches the health file."""
         reported_problems: dict[str, str] = {}
-        reported_bytes, reported_s = 0, 0.0
+        reported_bytes, reported_s, reported_rows = 0, 0.0, ReportedRows()
         while not self.stopping.wait(1.0):
             self.handover.remove_old()
             try:
@@ -137,7 +139,9 @@ class Node:
                 due = is_news or time.monotonic() - reported_s >= TRAFFIC.max_age_ms / 2000
                 if due and self._traffic_publisher.matched:
                     reported_problems, reported_bytes, reported_s = self._problems, n_bytes, time.monotonic()
-                    self._traffic_publisher.put(self.traffic_report())
+                    report = self.traffic_report()
+                    rows, is_partial = reported_rows.news(report.rows, reported_s)
+                    self._traffic_publisher.put(msgspec.structs.replace(report, rows=rows, is_partial=is_partial))
                 if self.settings.health_file and self.healthy():
                     self.settings.health_file.parent.mkdir(parents=True, exist_ok=True)
                     self.settings.health_file.touch()
@@ -185,10 +189,15 @@ class Node:
         return LatestMessage(self._connection, stream, self.key(stream, **ids))
 
     def table(
-        self, stream: Stream, on_message: Callable[[Received[Any]], None] | None = None, **ids: object
+        self,
+        stream: Stream,
+        on_message: Callable[[Received[Any]], None] | None = None,
+        merge: Callable[[Any, Any], Any] | None = None,
+        **ids: object,
     ) -> Table[Any]:
-        """Receives the newest message of each matching key; ids left out match any. ``on_message``: as in ``subscribe``."""
-        return Table(self._connection, stream, self.key(stream, **ids), on_message=on_message)
+        """Receives the newest message of each matching key; ids left out match any. ``on_message``: as in ``subscribe``;
+        ``merge``: as in ``Table``."""
+        return Table(self._connection, stream, self.key(stream, **ids), on_message=on_message, merge=merge)
 
     def subscribe(
         self, stream: Stream, on_message: Callable[[Received[Any]], None], **ids: object

@@ -24,6 +24,8 @@ from surveilnav.messages import TrafficRow
 _MAX_ROWS = 20_000
 #: So often a ``WireCounter`` looks which sockets there are.
 _LOOK_S = 1.0
+#: So often all rows are published.
+_ALL_ROWS_S = 300.0
 OTHER_KEYS = "(other keys)"
 
 Direction = Literal["offered", "delivered", "replaced"]
@@ -94,6 +96,24 @@ class TrafficMeter:
     def offered_bytes(self, key: str) -> int:
         with self._lock:
             return self._bytes[key, "offered"]
+
+
+class ReportedRows:
+    """What the others know of a node's rows, so that only what has changed is published. All of it is again from time to time:
+    a recording may begin at any moment."""
+
+    def __init__(self) -> None:
+        self._known: dict[tuple[str, str], int] = {}
+        self._all_s = -math.inf
+
+    def news(self, rows: list[TrafficRow], now_s: float) -> tuple[list[TrafficRow], bool]:
+        """The rows to publish now, and whether they are only a part."""
+        is_partial = now_s - self._all_s < _ALL_ROWS_S
+        if not is_partial:
+            self._all_s, self._known = now_s, {}
+        changed = [row for row in rows if self._known.get((row.key, row.direction)) != row.n_bytes]
+        self._known |= {(row.key, row.direction): row.n_bytes for row in changed}
+        return changed, is_partial
 
 
 class WireBytes(NamedTuple):

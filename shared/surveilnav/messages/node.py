@@ -72,6 +72,7 @@ class TrafficReport(Message, frozen=True, kw_only=True):
 
     Attributes:
         rows: bytes offered, delivered and replaced, by key.
+        is_partial: whether ``rows`` are only those that have changed since the last report that was published (``merged``).
         tier_bytes: of a camera's offered frames, by tier.
         unsent: how many frames of a camera were never sent, because a newer picture of their view came while they waited: by
             what they waited for.
@@ -84,6 +85,7 @@ class TrafficReport(Message, frozen=True, kw_only=True):
     node: str
     kind: str
     rows: list[TrafficRow]
+    is_partial: bool = False
     tier_bytes: dict[str, int] = {}
     unsent: dict[str, int] = {}
     wire_sent_bytes: int | None = None
@@ -91,3 +93,10 @@ class TrafficReport(Message, frozen=True, kw_only=True):
     rejected: dict[str, int] = {}
     release: str = ""
     problems: dict[str, str] = {}
+
+    def merged(self, later: TrafficReport) -> TrafficReport:
+        """All that is known by this report and a ``later`` one of the same node."""
+        if not later.is_partial:
+            return later
+        rows = {(row.key, row.direction): row for row in (*self.rows, *later.rows)}
+        return msgspec.structs.replace(later, rows=list(rows.values()), is_partial=self.is_partial)

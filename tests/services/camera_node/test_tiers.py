@@ -291,3 +291,24 @@ def test_a_link_that_takes_too_little_gets_objects_and_people_are_told(start, cl
     until(all_sent)
     service.step()
     assert not camera_node.traffic_report().problems
+
+
+def test_a_view_that_was_sent_after_somebody_asked_for_it_isnt_sent_again(start, client):
+    """While views are looked at, which takes long, those that are missing are asked for."""
+    frames, backend = listen(client, range(3)), Looking()
+    service, _ = start(backend, views=range(3), tier="features")
+    see = backend.perceive
+
+    def ask_then(*args, **more):
+        if not backend.looks:
+            client.ask(CAMERA_REQUEST, CameraRequest(stamp_ns=1, action="resend", views=[0, 1, 2]), **PLACE)
+        return see(*args, **more)
+
+    backend.perceive = ask_then
+    while service.step():
+        pass
+    client.ask(CAMERA_REQUEST, CameraRequest(stamp_ns=1, action="resend", views=[1]), **PLACE)
+    service.step()
+    until(lambda: len(frames) == 4)
+    time.sleep(0.2)
+    assert [f.view for f in frames] == [0, 1, 2, 1]

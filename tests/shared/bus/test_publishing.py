@@ -8,8 +8,9 @@ import pytest
 import zenoh
 
 from surveilnav.bus import Answer, Node
-from surveilnav.contract import ROBOT_OBSERVATION, ROBOT_STATUS, TRUTH
+from surveilnav.contract import ROBOT_OBSERVATION, ROBOT_STATUS, TRAFFIC, TRUTH
 from surveilnav.errors import BusError
+from surveilnav.messages import TrafficReport
 from tests.waiting import until
 
 
@@ -32,6 +33,24 @@ def test_a_slot_keeps_only_the_newest(make_node, truth):
     assert sum(counted.values()) == offered
     slot.close()
     until(lambda: not publisher.matched)
+
+
+def test_traffic_reports_are_differences_that_a_table_puts_together(make_node, status):
+    sender, reader = make_node("robot", "r1"), make_node("b", "b", alive=False)
+    heard = []
+    table = reader.table(TRAFFIC, on_message=lambda row: heard.append(row.message), merge=TrafficReport.merged)
+    quiet, busy = sender.publisher(ROBOT_STATUS, robot="r1"), sender.publisher(ROBOT_STATUS, robot="r2")
+    quiet.put(status(1))
+    until(lambda: heard)
+    for n in range(400):
+        busy.put(status(n))
+    until(lambda: len(heard) > 1)
+    assert [report.is_partial for report in heard] == [False, True]
+    assert quiet.key not in {row.key for row in heard[1].rows}
+    known = table.get(node="robot-r1").message
+    assert not known.is_partial
+    counted = {row.key: row.messages for row in known.rows if row.direction == "offered"}
+    assert (counted[quiet.key], counted[busy.key]) == (1, 400)
 
 
 def test_a_table_holds_what_was_put_before_and_after(make_node, status):

@@ -1,0 +1,33 @@
+"""Which rows of a traffic report are published: those that have changed, and from time to time all."""
+
+from __future__ import annotations
+
+from surveilnav.bus.traffic import ReportedRows
+from surveilnav.messages import TrafficReport, TrafficRow
+
+
+def row(key: str, n_bytes: int) -> TrafficRow:
+    return TrafficRow(key, "offered", 1, n_bytes)
+
+
+def report(*rows: TrafficRow, is_partial: bool = False) -> TrafficReport:
+    return TrafficReport(stamp_ns=1, node="n", kind="camera", rows=list(rows), is_partial=is_partial)
+
+
+def test_only_changed_rows_are_news_until_all_are_due_again():
+    known = ReportedRows()
+    rows = [row("a", 1), row("b", 2)]
+    assert known.news(rows, 100.0) == (rows, False)
+    assert known.news(rows, 101.0) == ([], True)
+    assert known.news([row("a", 1), row("b", 3)], 102.0) == ([row("b", 3)], True)
+    assert known.news([row("a", 1), row("b", 3)], 401.0) == ([row("a", 1), row("b", 3)], False)
+
+
+def test_reports_are_put_together_whatever_is_missing_between_them():
+    first = report(row("a", 1), row("b", 2))
+    later = first.merged(report(row("b", 5), row("c", 1), is_partial=True))
+    assert {r.key: r.n_bytes for r in later.rows} == {"a": 1, "b": 5, "c": 1}
+    assert not later.is_partial
+    part = report(row("a", 1), is_partial=True)
+    assert part.merged(report(row("b", 1), is_partial=True)).is_partial
+    assert later.merged(report(row("b", 1))).rows == [row("b", 1)], "the node was started again"
