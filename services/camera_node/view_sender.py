@@ -61,6 +61,7 @@ class ViewSender:
         self._state = sending.SendState()
         self._tiers: dict[int, Tier] = {}
         self._sent_s: dict[int, float] = {}
+        self._last_sent = -1
         self._pictures_wanted: set[int] = set()
         self._asked: set[int] = set()  # for again, and not sent yet
         self._features_bytes = (0, 0)  # how many frames, and their sum
@@ -82,9 +83,11 @@ class ViewSender:
     def step(self, asked_s: Mapping[int, float]) -> bool:
         """Sends the views that are due, as far as the budget allows. True if any was sent.
 
-        ``asked_s``: by view, when somebody asked for it again. Who asked before it was sent has it by now.
+        ``asked_s``: by view, when somebody asked for it again. Who asked before it was sent, or while it is under way, gets it.
         """
         requested = {v for v, at_s in asked_s.items() if self._sent_s.get(v, -math.inf) <= at_s}
+        if requested and self._is_under_way():
+            requested -= {self._last_sent}
         paused = self._paused()
         matched = {v for v, publisher in self._frames.items() if publisher.matched}
         versions = {v: version for v in self._frames if (version := self._source.version(v)) is not None}
@@ -125,12 +128,16 @@ class ViewSender:
     def _link_is_free(self) -> bool:
         """Whether the frame before has arrived; waits for that a little."""
         until_s = time.monotonic() + _LINK_WAIT_S
-        while self._link.frame is not None:
-            now_s = time.monotonic()
-            self._link = self._link.at(now_s, self._counts())
-            if self._link.frame is not None and (now_s >= until_s or self._node.stopping.wait(_LINK_POLL_S)):
+        while self._is_under_way():
+            if time.monotonic() >= until_s or self._node.stopping.wait(_LINK_POLL_S):
                 return False
         return True
+
+    def _is_under_way(self) -> bool:
+        """Whether the frame that was sent last hasn't arrived yet."""
+        if self._link.frame is not None:
+            self._link = self._link.at(time.monotonic(), self._counts())
+        return self._link.frame is not None
 
     def _counts(self) -> Counts | None:
         wire = self._node.wire_bytes()
@@ -162,7 +169,7 @@ class ViewSender:
         header = messages.frame_header(self._source, view, self._seq[view], frame, now_ns=clock_ns())
         self._link = self._link.with_frame(len(frame.payload), time.monotonic(), self._counts())
         self._node.traffic.count_frame(frame.tier, self._frames[view].put(header, frame.payload))
-        self._tiers[view], self._sent_s[view] = frame.tier, time.monotonic()
+        self._tiers[view], self._sent_s[view], self._last_sent = frame.tier, time.monotonic(), view
         if frame.tier == "features":
             n, total = self._features_bytes
             self._features_bytes = n + 1, total + len(frame.payload)

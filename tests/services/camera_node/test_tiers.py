@@ -270,6 +270,21 @@ def test_a_slow_link_gets_one_frame_at_a_time_and_those_that_wait_are_the_newest
     assert report.tier_bytes["jpeg+depth"] == sum(r.n_bytes for r in report.rows if "/frame/" in r.key)
 
 
+def test_what_is_asked_for_while_it_is_under_way_isnt_sent_twice(start, client, camera_node):
+    frames = listen(client, [3])
+    service, _ = start(Looking(), tier="jpeg+depth")
+    link = SlowLink(camera_node)
+    again = CameraRequest(stamp_ns=1, action="resend", views=[3])
+    service.step()
+    client.ask(CAMERA_REQUEST, again, **PLACE)
+    assert not service.step()
+    link.arrives()
+    assert not service.step()
+    client.ask(CAMERA_REQUEST, again, **PLACE)
+    assert service.step()
+    until(lambda: len(frames) == 2)
+
+
 def test_a_link_that_takes_too_little_gets_objects_and_people_are_told(start, client, camera_node, monkeypatch):
     frames = listen(client, range(4))
     service, _ = start(Looking(), views=range(4), tier="auto")
