@@ -11,7 +11,7 @@ from typing import Any
 from surveilnav import contract
 from surveilnav.bus import Node, Received
 from surveilnav.contract import Stream
-from surveilnav.messages import TrafficReport
+from surveilnav.messages import TrafficReport, WorkerLoad
 from surveilnav.rest import ROOT
 
 #: Streams whose messages are only published on change are queried again after this time.
@@ -138,7 +138,7 @@ class BuildingState:
         self.cameras = LastKnown(node, contract.CAMERA_INFO, publishers="camera")
         self.summaries = LastKnown(node, contract.CAMERA_SUMMARY)
         self.robots = LastKnown(node, contract.ROBOT_STATUS)
-        self.loads = LastKnown(node, contract.PERCEPTION_LOAD)
+        self.loads = LastKnown(node, contract.PERCEPTION_LOAD, merge=WorkerLoad.merged)
         self.revisions = LastKnown(node, contract.MAP_REVISION)
         self.areas = LastKnown(node, contract.FLOOR_AREAS)
         self.removals = LastKnown(node, contract.MAP_REMOVALS)

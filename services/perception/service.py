@@ -35,6 +35,7 @@ class PerceptionService:
         self._node, self._backend, self._settings = node, backend, settings
         self.ready = False
         self._load_published_s = 0.0
+        self._published_times: dict[str, list[int]] = {}
         self._embedding = EmbeddingStage(backend)
         self._inference = InferenceHandler(node, backend, self._embedding, settings)
         worker, capacity = settings.worker, _QUERIES_PER_VIEW * settings.capacity
@@ -93,7 +94,9 @@ class PerceptionService:
         now_s = time.monotonic()
         if now_s - self._load_published_s >= _LOAD_PERIOD_S:
             self._load_published_s = now_s
-            self._load_publisher.put(self.load())
+            load, known_times = self.load(), self._published_times
+            self._published_times = load.times
+            self._load_publisher.put(load.to_publish(known_times))
         return False
 
     def load(self) -> WorkerLoad:

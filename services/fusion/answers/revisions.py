@@ -14,7 +14,8 @@ from surveilnav.services.fusion.core.views.invocation import same_floor
 from surveilnav.services.fusion.intake.intake import ViewIntake
 from surveilnav.services.fusion.map_log.log import MapLog
 
-_HEARTBEAT_S = 1.0
+#: An unchanged revision is published again before it counts as old.
+_HEARTBEAT_S = MAP_REVISION.max_age_ms / 2500
 _MAX_FAULTS = 3  # that a revision's message lists
 
 
@@ -28,7 +29,7 @@ class Revisions:
         self._published: dict[str, tuple[Revision, float]] = {}
 
     def publish(self) -> None:
-        """Publishes the revision of each floor when it has changed, and once a second for clients that join late."""
+        """Publishes the revision of each floor when it has changed, and from time to time for clients that join late."""
         now_s = time.monotonic()
         for floor, (z_m, number) in sorted(self._floors().items()):
             revision = self._revision(floor, z_m, number)

@@ -122,7 +122,7 @@ class WorkerLoad(Message, frozen=True, kw_only=True):
         latency_ms: mean time to process a view, without waiting.
         ready: whether it has passed its probe; before that it refuses all requests.
         times: by stage ("queue", "decode", the backend's, "answer"), how many views took how long since it started, in the
-            buckets of ``surveilnav.histogram``.
+            buckets of ``surveilnav.histogram``. A load is published without them if nothing was processed since the one before.
         cached: number of requests answered from the cache.
         open_vocabulary: whether it looks for any word.
         calibrated: whether its detections have a ``chance``.
@@ -142,3 +142,11 @@ class WorkerLoad(Message, frozen=True, kw_only=True):
     open_vocabulary: bool = False
     calibrated: bool = False
     handover: str = ""
+
+    def to_publish(self, known_times: dict[str, list[int]]) -> WorkerLoad:
+        """What is published of it, if the others know ``known_times``."""
+        return msgspec.structs.replace(self, times={}) if self.times == known_times else self
+
+    def merged(self, later: WorkerLoad) -> WorkerLoad:
+        """All that is known by this load and a ``later`` one of the same worker."""
+        return later if later.times else msgspec.structs.replace(later, times=self.times)

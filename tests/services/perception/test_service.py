@@ -17,7 +17,7 @@ import pytest
 from surveilnav.bus import BusSettings, Node, Refused, clock_ns
 from surveilnav.contract import PERCEPTION_INFER, PERCEPTION_LOAD, PERCEPTION_TEXT, TRUTH
 from surveilnav.geometry import Pinhole
-from surveilnav.messages import InferRequest, PayloadPart, Truth
+from surveilnav.messages import InferRequest, PayloadPart, Truth, WorkerLoad
 from surveilnav.perception.backend import Backend, Stage, ViewTask
 from surveilnav.sensing.packing import encode_rgbd, pack_array, unpack_embedding
 from surveilnav.sensing.replies import perception_from_wire
@@ -190,6 +190,33 @@ def test_texts_and_load(bus: BusSettings, client: Node) -> None:
             assert error.value.name == name
         load = client.ask(PERCEPTION_LOAD, worker="w7", timeout_s=10).message
         assert (load.backend, load.why, load.queued, load.capacity) == ("simulated", "because", 0, 3)
+
+
+def test_times_are_published_when_something_was_processed_and_known_all_along(bus: BusSettings, client: Node) -> None:
+    with Node("perception", "w9", bus) as node:
+        service = serving(node, Simulated("because"), PerceptionSettings(worker="w9"))
+        heard: list[WorkerLoad] = []
+        table = client.table(
+            PERCEPTION_LOAD, on_message=lambda row: heard.append(row.message), merge=WorkerLoad.merged, worker="w9"
+        )
+        until(lambda: service._load_publisher.matched)
+
+        def publish() -> None:
+            n, service._load_published_s = len(heard), 0.0
+            service.step()
+            until(lambda: len(heard) > n)
+
+        publish()
+        publish()
+        publisher = client.publisher(TRUTH, source="robot-r", view=0)
+        until(lambda: publisher.matched)
+        publisher.put(*truth(1))
+        asked, payload = request(seq=1)
+        client.ask(PERCEPTION_INFER, asked, payload=payload, worker="w9", timeout_s=10)
+        publish()
+        publish()
+        assert [bool(load.times) for load in heard] == [True, False, True, False]
+        assert table.rows()[0].message.times == service.load().times
 
 
 def test_the_process_says_its_backend_and_ends_on_sigterm(bus: BusSettings, client: Node) -> None:
