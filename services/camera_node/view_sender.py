@@ -128,7 +128,7 @@ class ViewSender:
     def _link_is_free(self) -> bool:
         """Whether the frame before has arrived; waits for that a little."""
         until_s = time.monotonic() + _LINK_WAIT_S
-        while self._is_under_way():
+        while self._is_under_way() or self._link.rests_until_s > time.monotonic():
             if time.monotonic() >= until_s or self._node.stopping.wait(_LINK_POLL_S):
                 return False
         return True

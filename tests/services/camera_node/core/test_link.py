@@ -22,6 +22,12 @@ def test_the_next_frame_waits_until_all_but_the_last_packet_was_acknowledged():
     assert free.rate_bytes_s == pytest.approx(10_000 / 0.02)
 
 
+@pytest.mark.parametrize(("took_s", "rest_s"), [(0.02, 0.0), (0.5, 0.5), (4.0, 4.0)])
+def test_after_a_frame_that_took_long_the_link_is_left_to_others_for_as_long(took_s, rest_s):
+    link = Link().with_frame(800_000, 5.0, kernel(0)).at(5.0 + took_s, kernel(800_000))
+    assert link.rests_until_s == pytest.approx(5.0 + took_s + rest_s)
+
+
 def test_a_frame_of_one_packet_is_never_waited_for():
     assert Link().with_frame(SEGMENT, 5.0, kernel(0)).at(5.0, kernel(0, SEGMENT)).frame is None
 
