@@ -2,9 +2,10 @@
 
 A frame that waits in the kernel's buffers can't be overtaken by the answer to a request, grows old there, and is no longer the
 newest picture when it arrives. So a camera gives the link its next frame once the router's side has acknowledged the one
-before. On a fast link that takes a fraction of a millisecond. How long it takes on a slow one tells the link's rate. After a
-frame that takes long the camera rests for as long: the queues of the network, which others share, would never empty otherwise, and
-their messages be lost in them for seconds.
+before. On a fast link that takes a fraction of a millisecond. How long it takes on a slow one tells the link's rate.
+
+After a frame that takes long the camera rests for as long. Otherwise the queues of a network that others share would never
+empty, and their messages would be lost in them for seconds.
 """
 
 from __future__ import annotations
