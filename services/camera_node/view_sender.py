@@ -68,8 +68,10 @@ class ViewSender:
         budget = settings.budget_kb_s
         self._bucket = TokenBucket.full(1000.0 * budget, time.monotonic()) if budget else None
         self._link = Link()
-        self._waits_since_s: float | None = None
-        self._waiting: dict[int, int] = {}
+        self._asked_later_s: dict[int, float] = {}  # for what was under way then
+        self._waiting: dict[int, int] = {}  # by view, the version that waits
+        self._waits_since_s: dict[int, float] = {}
+        self._why_waiting = ""
         self._blind_until_s = 0.0
 
     @property
@@ -81,17 +83,15 @@ class ViewSender:
         self._pictures_wanted |= set(views)
 
     def step(self, asked_s: Mapping[int, float]) -> bool:
-        """Sends the views that are due, as far as the budget allows. True if any was sent.
+        """Sends the views that are due, as far as budget and link allow. True if any was sent.
 
-        ``asked_s``: by view, when somebody asked for it again. Who asked before it was sent, or while it is under way, gets it.
+        ``asked_s``: by view, when somebody asked for it again. Who asked before it arrived has it by now.
         """
-        requested = {v for v, at_s in asked_s.items() if self._sent_s.get(v, -math.inf) <= at_s}
-        if requested and self._is_under_way():
-            requested -= {self._last_sent}
         paused = self._paused()
         matched = {v for v, publisher in self._frames.items() if publisher.matched}
         versions = {v: version for v in self._frames if (version := self._source.version(v)) is not None}
-        self._asked = (self._asked | requested) & matched if not paused else set()
+        self._count_unsent(versions)
+        self._asked = (self._asked | self._asked_again(asked_s)) & matched if not paused else set()
         self._pictures_wanted &= matched
         self._state, due = sending.views_to_send(
             self._state, versions=versions, matched=matched, requested=self._asked, paused=paused
@@ -108,10 +108,18 @@ class ViewSender:
                 del left[0]
         if due:
             self._state = self._state.without(left)
-        self._count_unsent({v: versions[v] for v in left if v in due})
-        self._report_waiting(len(left) if due else 0)
+        self._waiting = {v: versions[v] for v in left if v in due}
+        self._report_waiting()
         self.sending = False
         return len(left) < n
+
+    def _asked_again(self, asked_s: Mapping[int, float]) -> set[int]:
+        """Which views must be sent again. What is under way may still arrive: that is decided later."""
+        is_under_way, waiting_s = self._is_under_way(), {**self._asked_later_s, **asked_s}
+        self._asked_later_s = {v: at_s for v, at_s in waiting_s.items() if is_under_way and v == self._last_sent}
+        lacks_picture = {v for v in self._pictures_wanted if self._tiers.get(v) in PERCEIVED_TIERS}
+        missed = {v for v, at_s in waiting_s.items() if v in lacks_picture or self._sent_s.get(v, -math.inf) <= at_s}
+        return missed - self._asked_later_s.keys()
 
     def _in_turn(self, due: Collection[int]) -> list[int]:
         """What was asked for again first, then what was sent longest ago, so that no view that changes often keeps others from
@@ -135,13 +143,17 @@ class ViewSender:
 
     def _is_under_way(self) -> bool:
         """Whether the frame that was sent last hasn't arrived yet."""
-        if self._link.frame is not None:
-            self._link = self._link.at(time.monotonic(), self._counts())
+        if self._link.frame is None:
+            return False
+        n_timed, now_s = self._link.n_timed, time.monotonic()
+        self._link = self._link.at(now_s, self._counts())
+        if self._link.n_timed > n_timed:
+            self._sent_s[self._last_sent] = now_s
         return self._link.frame is not None
 
     def _counts(self) -> Counts | None:
         wire = self._node.wire_bytes()
-        return wire and Counts(wire.acknowledged, wire.segment_bytes, wire.queued)
+        return wire and Counts(wire.acknowledged, wire.queued, wire.segment_bytes, wire.round_trip_s)
 
     def _refilled(self) -> TokenBucket | None:
         if self._bucket is not None:
@@ -199,26 +211,24 @@ class ViewSender:
         truth = truth_to_wire(picture.truth, source=source, view=view, seq=self._seq[view], stamp_ns=clock_ns())
         self._truths[view].put(*truth)
 
-    def _count_unsent(self, waiting: dict[int, int]) -> None:
-        """Counts pictures that waited and that newer ones have replaced. ``waiting``: by view, the version that waits now."""
-        for view, version in waiting.items():
-            if self._waiting.get(view, version) != version:
+    def _count_unsent(self, versions: Mapping[int, int]) -> None:
+        """Counts pictures that waited and that newer ones have replaced."""
+        for view, version in self._waiting.items():
+            if versions.get(view, version) != version:
                 self._node.traffic.count_unsent(self._waits_for)
-        self._waiting = waiting
 
     @property
     def _waits_for(self) -> str:
         return "budget" if self._bucket is not None and not self._bucket.allows else "link"
 
-    def _report_waiting(self, n: int) -> None:
-        """Tells everybody if views wait for the budget or the link for long, and for which."""
-        now_s, why = time.monotonic(), {"budget": "", "link": ""}
-        self._waits_since_s = None if not n else self._waits_since_s or now_s
-        if self._waits_since_s is not None and now_s - self._waits_since_s >= _LONG_WAIT_S:
-            if self._bucket is not None and self._waits_for == "budget":
-                rate = self._bucket.rate_bytes_s / 1000
-                why["budget"] = f"its budget of {rate:g} kB/s is too small: views wait for {_LONG_WAIT_S:g} s"
-            else:
-                why["link"] = f"its link is too slow: views wait for {_LONG_WAIT_S:g} s; a lower tier sends less"
-        for name, text in why.items():
-            self._node.report_problem(name, text)
+    def _report_waiting(self) -> None:
+        """Tells everybody if a view waits for the budget or the link for long, and for which."""
+        now_s = time.monotonic()
+        self._waits_since_s = {v: self._waits_since_s.get(v, now_s) for v in self._waiting}
+        if now_s - min(self._waits_since_s.values(), default=now_s) < _LONG_WAIT_S:
+            self._why_waiting = ""
+        elif not self._why_waiting:
+            self._why_waiting = self._waits_for
+        for reason, too_small in (("budget", "its budget is too small"), ("link", "its link is too slow")):
+            why = f"{too_small}: views wait for {_LONG_WAIT_S:g} s; a lower tier sends less"
+            self._node.report_problem(reason, why if reason == self._why_waiting else "")

@@ -29,10 +29,12 @@ _ALL_ROWS_S = 300.0
 OTHER_KEYS = "(other keys)"
 
 Direction = Literal["offered", "delivered", "replaced"]
-_TCP_INFO_QUEUED = 16, 24, 144  # of tcpi_snd_mss, tcpi_unacked (in segments) and tcpi_notsent_bytes
-_TCP_INFO_BYTES_ACKED = 120  # offset of tcpi_bytes_acked, linux/tcp.h
-_TCP_INFO_BYTES_RECEIVED = 128  # of tcpi_bytes_received
-_TCP_INFO_BYTES_SENT = 200  # of tcpi_bytes_sent (kernel >= 4.19): retransmissions included
+# Where numbers stand in TCP_INFO (linux/tcp.h, kernel >= 4.19): bytes_sent (retransmissions included), bytes_retrans,
+# bytes_received and bytes_acked; and snd_mss, notsent_bytes and min_rtt, which is in microseconds.
+_TCP_INFO_BYTES = 200, 208, 128, 120
+_TCP_INFO_NUMBERS = 16, 144, 148
+_TCP_INFO_LENGTH = 216
+_UNKNOWN = 2**32 - 1
 
 
 class TrafficMeter:
@@ -123,13 +125,15 @@ class WireBytes(NamedTuple):
         sent: bytes that were sent, retransmissions included. ``received``: bytes that came.
         acknowledged: bytes of which the router's side has said that they arrived.
         segment_bytes: the most that one packet holds. The last packet of a message is often acknowledged 40 ms late.
-        queued: about how many bytes the kernel has that aren't acknowledged yet: they wait, or are under way. 0: none.
+        round_trip_s: the shortest time in which a packet was acknowledged.
+        queued: bytes that the kernel has and that aren't acknowledged yet: they wait, or are under way.
     """
 
     sent: int
     received: int
     acknowledged: int
     segment_bytes: int
+    round_trip_s: float
     queued: int
 
 
@@ -149,12 +153,13 @@ class WireCounter:
         else:  # which ones there are is seldom news, and takes ten times as long to find out
             infos = [None]
         if None in infos:
-            self._found, self._looked_s = tuple(d for d in _sockets() if _tcp_info(d, self._port)), now_s
+            self._found = tuple(d for d in _sockets() if _tcp_info(d, self._port))
+            self._looked_s = now_s if self._found else -math.inf  # they are connected again at any moment
             infos = [_tcp_info(descriptor, self._port) for descriptor in self._found]
         total: WireBytes | None = None
         for info in infos:
-            if info is not None and len(info) >= _TCP_INFO_BYTES_SENT + 8:
-                total = _with_socket(total or WireBytes(0, 0, 0, 0, 0), info)
+            if info is not None and len(info) >= _TCP_INFO_LENGTH:
+                total = _with_socket(total or WireBytes(0, 0, 0, 0, 0.0, 0), info)
         return total
 
 
@@ -184,11 +189,14 @@ def _tcp_info(descriptor: int, port: int) -> bytes | None:
 
 
 def _with_socket(total: WireBytes, info: bytes) -> WireBytes:
-    segment_bytes, unacknowledged, waiting_bytes = (struct.unpack_from("<I", info, at)[0] for at in _TCP_INFO_QUEUED)
+    """The counts with those of one more socket. Its handshake counts as an acknowledged byte."""
+    sent, repeated, received, acknowledged = (struct.unpack_from("<Q", info, at)[0] for at in _TCP_INFO_BYTES)
+    segment_bytes, not_sent, min_rtt_us = (struct.unpack_from("<I", info, at)[0] for at in _TCP_INFO_NUMBERS)
     return WireBytes(
-        sent=total.sent + struct.unpack_from("<Q", info, _TCP_INFO_BYTES_SENT)[0],
-        received=total.received + struct.unpack_from("<Q", info, _TCP_INFO_BYTES_RECEIVED)[0],
-        acknowledged=total.acknowledged + struct.unpack_from("<Q", info, _TCP_INFO_BYTES_ACKED)[0],
+        sent=total.sent + sent,
+        received=total.received + received,
+        acknowledged=total.acknowledged + acknowledged,
         segment_bytes=max(total.segment_bytes, segment_bytes),
-        queued=total.queued + segment_bytes * unacknowledged + waiting_bytes,
+        round_trip_s=max(total.round_trip_s, 1e-6 * min_rtt_us if min_rtt_us != _UNKNOWN else 0.0),
+        queued=total.queued + max(0, sent - repeated - (acknowledged - 1) + not_sent),
     )

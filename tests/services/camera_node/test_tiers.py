@@ -248,7 +248,7 @@ class SlowLink:
 
     def __init__(self, node) -> None:
         self.acknowledged, self.queued = 0, 10_000
-        node.wire_bytes = lambda: WireBytes(0, 0, self.acknowledged, 100, self.queued)
+        node.wire_bytes = lambda: WireBytes(0, 0, self.acknowledged, 100, 0.0, self.queued)
 
     def arrives(self) -> None:
         self.acknowledged += 1_000_000
@@ -266,7 +266,7 @@ def test_a_slow_link_gets_one_frame_at_a_time_and_those_that_wait_are_the_newest
         link.arrives()
     assert [f.view for f in frames] == [0, 1, 2]
     report = camera_node.traffic_report()
-    assert report.unsent == {"link": 1}, "one picture of view 2 waited and was replaced; its last one was sent"
+    assert report.unsent == {"link": 2}, "two pictures of view 2 waited and were replaced; its last one was sent"
     assert report.tier_bytes["jpeg+depth"] == sum(r.n_bytes for r in report.rows if "/frame/" in r.key)
 
 
@@ -283,6 +283,58 @@ def test_what_is_asked_for_while_it_is_under_way_isnt_sent_twice(start, client, 
     client.ask(CAMERA_REQUEST, again, **PLACE)
     assert service.step()
     until(lambda: len(frames) == 2)
+
+
+def test_what_got_lost_on_its_way_is_sent_to_who_asked_meanwhile(start, client, camera_node):
+    frames = listen(client, [3])
+    service, _ = start(Looking(), tier="jpeg+depth")
+    link = SlowLink(camera_node)
+    service.step()
+    client.ask(CAMERA_REQUEST, CameraRequest(stamp_ns=1, action="resend", views=[3]), **PLACE)
+    assert not service.step()
+    link.queued = 0  # and nothing was acknowledged
+    time.sleep(0.3)
+    assert service.step()
+    until(lambda: len(frames) == 2)
+
+
+def test_pictures_are_sent_although_what_was_seen_is_under_way(start, client, camera_node):
+    frames = listen(client, [3])
+    service, _ = start(Looking(), tier="features")
+    link = SlowLink(camera_node)
+    service.step()
+    client.ask(CAMERA_REQUEST, CameraRequest(stamp_ns=1, action="resend", views=[3], pictures=True), **PLACE)
+    assert not service.step()
+    link.arrives()
+    assert service.step()
+    assert [f.tier for f in until(lambda: len(frames) == 2 and frames)] == ["features", "jpeg+depth"]
+
+
+def test_a_camera_that_was_idle_sends_at_once(start, client, camera_node):
+    frames = listen(client, [3])
+    service, _ = start(Looking(), tier="jpeg+depth")
+    link = SlowLink(camera_node)
+    service.step()
+    link.arrives()
+    for _ in range(20):  # the loop turns while nothing happens
+        time.sleep(0.02)
+        service.step()
+    service.camera.versions[3] += 1
+    service.step()
+    until(lambda: len(frames) == 2)
+
+
+def test_views_that_take_turns_on_a_slow_link_are_no_problem(start, client, camera_node, monkeypatch):
+    monkeypatch.setattr("surveilnav.services.camera_node.view_sender._LONG_WAIT_S", 0.3)
+    service, _ = start(Looking(), views=range(2), tier="jpeg+depth")
+    link = SlowLink(camera_node)
+    for _ in range(20):
+        for view in range(2):
+            service.camera.versions[view] += 1
+        service.step()
+        time.sleep(0.03)
+        link.arrives()
+    assert not camera_node.traffic_report().problems
 
 
 def test_a_link_that_takes_too_little_gets_objects_and_people_are_told(start, client, camera_node, monkeypatch):
