@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from dataclasses import replace
 from functools import partial
 
 from surveilnav import contract
@@ -57,6 +58,9 @@ class LatestMessages:
         """Keeps a message as the newest of its key. The first message of a camera, robot or worker announces it on the bus."""
         with self._lock:
             if heard.stream in self._last:
+                known, merge = self._last[heard.stream].get(heard.key), heard.stream.merge
+                if known is not None and merge is not None:
+                    heard = replace(heard, message=merge(known.message, heard.message))
                 self._last[heard.stream][heard.key] = heard
             if heard.stream is PERCEPTION_TEXT:
                 self._meaning = heard.message

@@ -11,7 +11,6 @@ from typing import Any
 from surveilnav import contract
 from surveilnav.bus import Node, Received
 from surveilnav.contract import Stream
-from surveilnav.messages import TrafficReport, WorkerLoad
 from surveilnav.rest import ROOT
 
 #: Streams whose messages are only published on change are queried again after this time.
@@ -27,22 +26,13 @@ class LastKnown:
     that the gateway hadn't noticed yet. So such streams, and those whose caller ``asks``, are also queried, every ``REFRESH_S``,
     by the first caller after that time; its call blocks until the answers are there. With ``publishers``, the kind of node
     that the stream comes from, this is done once a minute only while each node of that kind has said something since it came.
-    ``merge`` makes one message of that which is known of a key and a newer one; None: the newer one counts.
     """
 
-    def __init__(
-        self,
-        node: Node,
-        stream: Stream,
-        capacity: int = 20_000,
-        publishers: str = "",
-        merge: Callable[[Any, Any], Any] | None = None,
-    ) -> None:
+    def __init__(self, node: Node, stream: Stream, capacity: int = 20_000, publishers: str = "") -> None:
         self._node, self._stream, self._capacity, self._publishers = node, stream, capacity, publishers
-        self._merge = merge
         #: Called with every published message, on the bus's own thread.
         self.on_message: Callable[[Received[Any]], None] = lambda _: None
-        self._table = node.table(stream, on_message=lambda row: self.on_message(row), merge=merge)
+        self._table = node.table(stream, on_message=lambda row: self.on_message(row))
         self._answers: dict[str, Received[Any]] = {}
         self._present: set[str] = set()  # publishers, when it was last looked
         self._unheard: set[str] = set()  # publishers that have come since the last query
@@ -56,8 +46,8 @@ class LastKnown:
         for row in self._table.rows():
             known = merged.get(row.key)
             if known is None or known.message.stamp_ns <= row.message.stamp_ns:
-                if known is not None and self._merge is not None:
-                    row = replace(row, message=self._merge(known.message, row.message))
+                if known is not None and self._stream.merge is not None:
+                    row = replace(row, message=self._stream.merge(known.message, row.message))
                 merged[row.key] = row
         return [merged[key] for key in sorted(merged)]
 
@@ -138,13 +128,13 @@ class BuildingState:
         self.cameras = LastKnown(node, contract.CAMERA_INFO, publishers="camera")
         self.summaries = LastKnown(node, contract.CAMERA_SUMMARY)
         self.robots = LastKnown(node, contract.ROBOT_STATUS)
-        self.loads = LastKnown(node, contract.PERCEPTION_LOAD, merge=WorkerLoad.merged)
+        self.loads = LastKnown(node, contract.PERCEPTION_LOAD)
         self.revisions = LastKnown(node, contract.MAP_REVISION)
         self.areas = LastKnown(node, contract.FLOOR_AREAS)
         self.removals = LastKnown(node, contract.MAP_REMOVALS)
         self.recorders = LastKnown(node, contract.RECORDER_STATUS)
         self.services = LastKnown(node, contract.SERVICES)
-        self.traffic = LastKnown(node, contract.TRAFFIC, merge=TrafficReport.merged)
+        self.traffic = LastKnown(node, contract.TRAFFIC)
         self.replays = LastKnown(node, contract.REPLAY)
         for kind in _KINDS:
             node.alive(kind)  # the first call starts watching

@@ -6,6 +6,8 @@ import threading
 import time
 from datetime import UTC, datetime
 
+from surveilnav.bus import Received
+from surveilnav.messages import TrafficReport
 from surveilnav.rest import MissionTraffic, Traffic, TrafficOverTime, TrafficPoint, TrafficStep
 from surveilnav.services.gateway.core.mission_traffic import ByteCounts, MissionUsages
 from surveilnav.services.gateway.core.problems import Problem
@@ -18,9 +20,17 @@ _STEPS_S: dict[TrafficStep, int] = {"second": 1, "minute": 60}
 
 def present_traffic(state: BuildingState, *, asks: bool = False) -> Traffic:
     """The bytes that every node has counted, summed by node, camera and robot. ``asks``: nodes are asked for newer counts."""
-    rows = {f"{r.message.kind}/{r.message.node}": r for r in state.traffic.rows(asks=asks)}
+    rows = {f"{r.message.kind}/{r.message.node}": r for r in _whole_reports(state, asks=asks)}
     received = {name: ReportAge(row.received_ns, state.traffic.is_old(row)) for name, row in rows.items()}
     return sum_traffic((row.message for row in rows.values()), received)
+
+
+def _whole_reports(state: BuildingState, *, asks: bool = False) -> list[Received[TrafficReport]]:
+    """The newest report of every node. Of a node of which only a part is known, none: it is asked for all."""
+    rows = state.traffic.rows(asks=asks)
+    if any(row.message.is_partial for row in rows) and not asks:
+        rows = state.traffic.rows(asks=True)
+    return [row for row in rows if not row.message.is_partial]
 
 
 class TrafficMeter:
@@ -39,7 +49,7 @@ class TrafficMeter:
     def update(self) -> None:
         """Adds what was sent since the last update."""
         counts = ByteCounts.from_traffic(present_traffic(self._state))
-        totals = links_by_node(row.message for row in self._state.traffic.rows())
+        totals = links_by_node(row.message for row in _whole_reports(self._state))
         statuses = [row.message for row in self._state.missions.newest("mission").values()]
         with self._lock:
             self._usages.update(statuses, counts)

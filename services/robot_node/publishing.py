@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from surveilnav.bus import Answer, Node, Refused, clock_ns
+from surveilnav.bus import Answer, Node, Refused, Request, clock_ns
 from surveilnav.contract import ROBOT_OBSERVATION, TRUTH
 from surveilnav.sensing.truth import truth_to_wire
 from surveilnav.services.robot_node.observation import EncodedObservation
@@ -15,7 +15,7 @@ class ObservationPublisher:
         self._observations = node.publisher(ROBOT_OBSERVATION, robot=robot)
         self._truths = node.publisher(TRUTH, source=f"robot-{robot}", view=0)
         self._newest: EncodedObservation | None = None
-        node.serve(ROBOT_OBSERVATION, lambda _: self._answer(), robot=robot)
+        node.serve(ROBOT_OBSERVATION, self._answer, robot=robot)
 
     def publish(self, observation: EncodedObservation) -> None:
         """Publishes a new observation."""
@@ -23,10 +23,11 @@ class ObservationPublisher:
         self._put_truth(observation)
         self._observations.put(observation.message, observation.payload)
 
-    def _answer(self) -> Answer:
-        newest = self._newest
-        if newest is None:
-            raise Refused("busy", "the robot hasn't observed anything yet: ask again later")
+    def _answer(self, request: Request) -> Answer:
+        """The newest observation; if the request names a ``seq``, only if it is this one."""
+        newest, wanted = self._newest, request.parameters.get("seq")
+        if newest is None or wanted not in (None, str(newest.message.seq)):
+            raise Refused("busy", "the robot has no such observation (yet): ask again later")
         self._put_truth(newest)
         return Answer(newest.message, newest.payload)
 

@@ -6,9 +6,10 @@ Key strings appear nowhere else. ``docs/understand/contract.md`` is generated fr
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
-from typing import Literal
+from typing import Any, Literal
 
 from surveilnav import messages as m
 from surveilnav.messages.base import Message
@@ -51,6 +52,7 @@ class Stream:
         carries: description for people.
         request: type of the message in a query; None: queries carry none.
         payload: whether raw bytes travel beside the message, which is then Zenoh's attachment.
+        merge: makes one message of that which is known of a key and a newer one that is only a part; None: the newer one counts.
         allows_wildcard: whether a query with a request may go to all owners. Otherwise it must name one, so that no command
             moves every robot.
     """
@@ -67,6 +69,7 @@ class Stream:
     request: type[Message] | None = None
     payload: bool = False
     allows_wildcard: bool = False
+    merge: Callable[[Any, Any], Any] | None = None
 
     @property
     def fields(self) -> tuple[str, ...]:
@@ -268,6 +271,7 @@ PERCEPTION_LOAD = Stream(
     3_000,
     "data",
     "queue and latency of a worker, and which backend runs",
+    merge=m.WorkerLoad.merged,
 )
 FLOOR_MAPS = Stream(
     "floor_maps",
@@ -471,6 +475,7 @@ TRAFFIC = Stream(
     60_000,
     "data",
     "bytes per key, of the keys that have changed, and on the wire; at most at this rate, seldom while little is sent",
+    merge=m.TrafficReport.merged,
 )
 RECORDER_STATUS = Stream(
     "recorder_status",

@@ -115,13 +115,7 @@ class FedNode:
     def serve(self, stream: Stream, handler: Callable[[Request], Any], **options: Any) -> None:
         self.handlers[stream.name] = stream, handler
 
-    def table(
-        self,
-        stream: Stream,
-        on_message: Callable[[Received[Any]], None] | None = None,
-        merge: Any = None,
-        **ids: object,
-    ) -> Any:
+    def table(self, stream: Stream, on_message: Callable[[Received[Any]], None] | None = None, **ids: object) -> Any:
         self._tables[stream.name].append(table := _Table(on_message))
         return table
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import queue
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 
 from surveilnav.bus import LatestMessage, Node, Received, bound_request_id
@@ -18,7 +18,9 @@ from surveilnav.errors import BusError
 from surveilnav.messages import FrameHeader, RobotStatus
 
 #: An observation is asked for so long after its robot's status told of it, and again after twice that time, up to the second.
-_PATIENCE_S, _MAX_PATIENCE_S = 1.0, 30.0
+_PATIENCE_S, _MAX_PATIENCE_S = 1.5, 30.0
+#: So long an answer may take on a slow link.
+_ANSWER_S = 20.0
 
 
 @dataclass(slots=True)
@@ -31,13 +33,19 @@ class _Lacking:
 
 
 class RobotObservations:
-    """The newest observation of each robot that is followed. For one thread."""
+    """The newest observation of each robot that is followed. For one thread.
+
+    One question is asked at a time, the one that has waited longest first. So a robot that doesn't answer holds up others for
+    ``_ANSWER_S`` at most.
+    """
 
     def __init__(self, node: Node) -> None:
         self._node = node
         self._slots: dict[str, LatestMessage[FrameHeader]] = {}
         self._lacking: dict[str, _Lacking] = {}
+        self._unheard: set[str] = set()
         self._answers: queue.SimpleQueue[tuple[str, Received[FrameHeader]]] = queue.SimpleQueue()
+        self._asking: threading.Thread | None = None
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._slots)
@@ -54,6 +62,10 @@ class RobotObservations:
         self._slots.pop(robot).close()
         self._lacking.pop(robot, None)
 
+    def began_anew(self, robots: Collection[str]) -> None:
+        """These robots have come or come back. Whatever number their newest observation has, it may be another one."""
+        self._unheard |= set(robots)
+
     def poll(self) -> list[tuple[str, Received[FrameHeader]]]:
         """What came since the last call, of robots that are followed."""
         came = [(robot, frame) for robot, slot in self._slots.items() if (frame := slot.poll()) is not None]
@@ -61,9 +73,11 @@ class RobotObservations:
             self._lacking.pop(robot, None)
         while not self._answers.empty():
             robot, answer = self._answers.get()
-            if robot in self._lacking:  # else it came meanwhile, or a newer one did
+            lacking = self._lacking.get(robot)
+            if lacking is not None and answer.message.seq == lacking.seq:  # else it, or a newer one, came meanwhile
                 came.append((robot, answer))
                 del self._lacking[robot]
+        self._unheard -= {robot for robot, _ in came}
         return came
 
     def ask_for_lost(self, statuses: Mapping[str, Received[RobotStatus]], newest: Mapping[str, int]) -> None:
@@ -71,24 +85,29 @@ class RobotObservations:
         number of the one that came last."""
         now_s = time.monotonic()
         for robot, status in statuses.items():
-            seq = status.message.seq
-            if robot not in self._slots or newest.get(robot) == seq:
+            seq, lacking = status.message.seq, self._lacking.get(robot)
+            if robot not in self._slots or (newest.get(robot) == seq and robot not in self._unheard):
                 self._lacking.pop(robot, None)
-                continue
-            lacking = self._lacking.get(robot)
-            if lacking is None or lacking.seq != seq:
+            elif lacking is None or lacking.seq != seq:
                 self._lacking[robot] = _Lacking(seq, now_s + _PATIENCE_S)
-            elif now_s >= lacking.ask_at_s:
-                lacking.patience_s = min(2 * lacking.patience_s, _MAX_PATIENCE_S)
-                lacking.ask_at_s = now_s + lacking.patience_s
-                self._node.log.info("asks a robot for its observation", robot=robot, seq=seq)
-                request_id = status.request_id
-                threading.Thread(target=self._ask, args=(robot, request_id), name=f"ask-{robot}", daemon=True).start()
+        due = [robot for robot in statuses if robot in self._lacking and now_s >= self._lacking[robot].ask_at_s]
+        if due and (self._asking is None or not self._asking.is_alive()):
+            robot = min(due, key=lambda robot: self._lacking[robot].ask_at_s)
+            lacking = self._lacking[robot]
+            lacking.patience_s = min(2 * lacking.patience_s, _MAX_PATIENCE_S)
+            lacking.ask_at_s = now_s + lacking.patience_s
+            self._node.log.info("asks a robot for its observation", robot=robot, seq=lacking.seq)
+            arguments = robot, lacking.seq, statuses[robot].request_id
+            self._asking = threading.Thread(target=self._ask, args=arguments, name=f"ask-{robot}", daemon=True)
+            self._asking.start()
 
-    def _ask(self, robot: str, request_id: str) -> None:
+    def _ask(self, robot: str, seq: int, request_id: str) -> None:
         try:
             with bound_request_id(request_id):
-                self._answers.put((robot, self._node.ask(ROBOT_OBSERVATION, robot=robot)))
+                answer = self._node.ask(
+                    ROBOT_OBSERVATION, robot=robot, timeout_s=_ANSWER_S, parameters={"seq": str(seq)}
+                )
+            self._answers.put((robot, answer))
             self._node.wake.set()
         except BusError as error:
             self._node.warn_seldom("a robot's observation didn't come", robot=robot, error=str(error))

@@ -83,6 +83,7 @@ class Sources:
         self._statuses = node.table(ROBOT_STATUS)
         node.alive("robot")  # the first call starts to follow presence
         self._robots = RobotObservations(node)
+        self._present_robots: set[str] = set()
         self._newest = {robot: (last.seq, last.stamp_ns) for robot, last in maps.processed.robots.items()}
         self._invocation, self._clocks = Invocation(), SourceClocks()
         self._silent_prefetched: set[str] = set()
@@ -140,6 +141,9 @@ class Sources:
             if robot not in self._robots and len(self._robots) < _MAX_ROBOTS:
                 self._robots.follow(robot)
                 self._node.log.info("follows a robot", robot=robot)
+        present = self._node.alive("robot")
+        self._robots.began_anew(present - self._present_robots)
+        self._present_robots = set(present)
         newest = {robot: seq for robot, (seq, _) in self._newest.items()}
         self._robots.ask_for_lost({row.ids["robot"]: row for row in rows if row.ids["robot"] in here}, newest)
 

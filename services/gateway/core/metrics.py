@@ -17,7 +17,7 @@ from prometheus_client import Metric
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, HistogramMetricFamily
 
 from surveilnav.histogram import EDGES_MS
-from surveilnav.messages import Tier, WorkerLoad
+from surveilnav.messages import WorkerLoad
 from surveilnav.mission_states import MissionStateName
 from surveilnav.rest import (
     Camera,
@@ -112,11 +112,12 @@ def _camera_metrics(state: BuildingMetrics) -> Iterator[Metric]:
         ("frame_bytes", "Bytes of its frames, counted in offered"),
         ("frames", "Frames that it put"),
         ("replaced_bytes", "Bytes of its frames that arrived and were dropped unread, as a newer one came"),
-        ("missing_bytes", "Bytes of its frames that are on their way or were dropped by a full link"),
         ("viewer_bytes", "Bytes of thumbnails for people, counted in offered"),
     ):
         yield _counter(f"camera_{name}", what, sums, _source, lambda s, name=name: getattr(s, name))  # type: ignore[misc]
-    tiers = [(s.id, tier, n) for s in sums for tier, n in s.tier_bytes.items() if tier in get_args(Tier)]
+    tiers = [(s.id, tier, n) for s in sums for tier, n in s.tier_bytes.items()]
+    what = "Bytes of its frames that nobody has got"
+    yield _gauge("camera_missing_bytes", what, sums, _source, lambda s: s.missing_bytes)
     what = "Bytes of its frames by tier"
     yield _counter("camera_tier_bytes", what, tiers, lambda t: {"camera": t[0], "tier": t[1]}, lambda t: t[2])
     what = "Bytes that the kernel counted on the camera's own sockets"

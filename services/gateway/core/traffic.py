@@ -10,17 +10,17 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from functools import lru_cache
-from typing import NamedTuple
+from typing import NamedTuple, get_args
 
 import surveilnav
 from surveilnav import contract
-from surveilnav.messages import TrafficReport
+from surveilnav.messages import Tier, TrafficReport
 from surveilnav.rest import LinkTraffic, NodeTraffic, SourceTraffic, Traffic
 from surveilnav.services.gateway.core.resources import utc
 from surveilnav.services.gateway.core.traffic_series import LINKS
 
 _CAMERA_STREAMS = [s for s in contract.STREAMS if "camera" in s.fields]
-#: Each has one reader, so that what was offered and what arrived can be compared.
+#: Each has one reader that counts, so that what was offered and what arrived can be compared.
 _FRAMES = (contract.CAMERA_FRAME.name, contract.ROBOT_OBSERVATION.name)
 _ROBOT_STREAMS = [s for s in contract.STREAMS if "robot" in s.fields]
 
@@ -100,7 +100,7 @@ def _node(report: TrafficReport, received: ReportAge) -> NodeTraffic:
         simulation_bytes=sum(r.n_bytes for r in report.rows) - sum(r.n_bytes for r in real),
         clock_offset_s=(report.stamp_ns - received.seen_ns) / 1e9 if received.seen_ns else None,
         rejected=report.rejected,
-        unsent=report.unsent,
+        unsent={reason: n for reason, n in report.unsent.items() if reason in ("budget", "link")},
         release=report.release,
         other_release=report.release != surveilnav.__version__,
         problems=report.problems,
@@ -168,7 +168,7 @@ def _source(
         delivered_bytes=sum(r.n_bytes for r in delivered),
         wire_sent_bytes=report.wire_sent_bytes if report else None,
         frame_bytes=(frame_bytes := sum(r.n_bytes for r in frames)),
-        tier_bytes=report.tier_bytes if report else {},
+        tier_bytes={tier: n for tier, n in report.tier_bytes.items() if tier in get_args(Tier)} if report else {},
         replaced_bytes=arrived["replaced"],
         missing_bytes=max(0, frame_bytes - sum(arrived.values())),
         frames=sum(r.messages for r in frames),

@@ -147,6 +147,7 @@ class Node:
                     self.settings.health_file.touch()
                     os.utime(self.settings.health_file)
             except (BusError, OSError) as error:
+                reported_rows = ReportedRows()  # what couldn't be published isn't known to anybody
                 self.warn_seldom("housekeeping failed", error=str(error))
 
     def healthy(self) -> bool:
@@ -189,15 +190,10 @@ class Node:
         return LatestMessage(self._connection, stream, self.key(stream, **ids))
 
     def table(
-        self,
-        stream: Stream,
-        on_message: Callable[[Received[Any]], None] | None = None,
-        merge: Callable[[Any, Any], Any] | None = None,
-        **ids: object,
+        self, stream: Stream, on_message: Callable[[Received[Any]], None] | None = None, **ids: object
     ) -> Table[Any]:
-        """Receives the newest message of each matching key; ids left out match any. ``on_message``: as in ``subscribe``;
-        ``merge``: as in ``Table``."""
-        return Table(self._connection, stream, self.key(stream, **ids), on_message=on_message, merge=merge)
+        """Receives the newest message of each matching key; ids left out match any. ``on_message``: as in ``subscribe``."""
+        return Table(self._connection, stream, self.key(stream, **ids), on_message=on_message)
 
     def subscribe(
         self, stream: Stream, on_message: Callable[[Received[Any]], None], **ids: object

@@ -108,7 +108,6 @@ class Table(Generic[M]):
         key: the keys, usually with wildcards.
         capacity: limit on the number of keys, so that invented keys can't fill the memory.
         on_message: called with every published message, too, on a thread of the bus: it must return fast.
-        merge: makes one message of that which is known of a key and a newer one; None: the newer one counts.
     """
 
     def __init__(
@@ -118,10 +117,8 @@ class Table(Generic[M]):
         key: str,
         capacity: int = 20_000,
         on_message: Callable[[Received[M]], None] | None = None,
-        merge: Callable[[M, M], M] | None = None,
     ) -> None:
         self._connection, self._stream, self._capacity = connection, stream, capacity
-        self._merge = merge
         self._on_message = on_message
         self._rows: dict[str, Received[M]] = {}
         self._lock = threading.Lock()
@@ -145,8 +142,8 @@ class Table(Generic[M]):
         with self._lock:
             known = self._rows.get(received.key)
             if known is not None or len(self._rows) < self._capacity:
-                if known is not None and self._merge is not None:
-                    received = replace(received, message=self._merge(known.message, received.message))
+                if known is not None and self._stream.merge is not None:
+                    received = replace(received, message=self._stream.merge(known.message, received.message))
                 self._rows[received.key] = received
             else:
                 self._connection.reject(f"{self._stream.name}: too many keys", received.key)

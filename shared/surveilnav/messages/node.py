@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
 import msgspec
 
@@ -55,6 +55,12 @@ class ServiceList(Message, frozen=True, kw_only=True):
     services: list[ServiceState]
 
 
+#: A number that every reader can hold.
+Count = Annotated[int, msgspec.Meta(ge=0, le=2**62)]
+#: Of one node, at most.
+_MAX_ROWS = 50_000
+
+
 class TrafficRow(msgspec.Struct, frozen=True):
     """Messages and bytes of one key at one node since the node started.
 
@@ -63,8 +69,8 @@ class TrafficRow(msgspec.Struct, frozen=True):
 
     key: str
     direction: Literal["offered", "delivered", "replaced"]
-    messages: int
-    n_bytes: int
+    messages: Count
+    n_bytes: Count
 
 
 class TrafficReport(Message, frozen=True, kw_only=True):
@@ -86,8 +92,8 @@ class TrafficReport(Message, frozen=True, kw_only=True):
     kind: str
     rows: list[TrafficRow]
     is_partial: bool = False
-    tier_bytes: dict[str, int] = {}
-    unsent: dict[str, int] = {}
+    tier_bytes: dict[str, Count] = {}
+    unsent: dict[str, Count] = {}
     wire_sent_bytes: int | None = None
     wire_received_bytes: int | None = None
     rejected: dict[str, int] = {}
@@ -99,4 +105,6 @@ class TrafficReport(Message, frozen=True, kw_only=True):
         if not later.is_partial:
             return later
         rows = {(row.key, row.direction): row for row in (*self.rows, *later.rows)}
+        if len(rows) > _MAX_ROWS:
+            return later  # no node has so many: somebody invents keys
         return msgspec.structs.replace(later, rows=list(rows.values()), is_partial=self.is_partial)

@@ -74,7 +74,9 @@ class SourceTraffic(Resource):
         default=0, description="frames that arrived and were dropped unread: a newer one of their view came before"
     )
     missing_bytes: int = Field(
-        default=0, description="frames that haven't arrived: they are on their way, or a full link has dropped them"
+        default=0,
+        description="frames that nobody has got: they are on their way, were dropped by a full link, or had no "
+        "listener; right as long as neither side was started again",
     )
     viewer_bytes: int = Field(description="thumbnails for people, counted in offered_bytes too")
     by_stream: dict[str, int] = Field(description="offered bytes by stream of the contract")

@@ -196,9 +196,7 @@ def test_times_are_published_when_something_was_processed_and_known_all_along(bu
     with Node("perception", "w9", bus) as node:
         service = serving(node, Simulated("because"), PerceptionSettings(worker="w9"))
         heard: list[WorkerLoad] = []
-        table = client.table(
-            PERCEPTION_LOAD, on_message=lambda row: heard.append(row.message), merge=WorkerLoad.merged, worker="w9"
-        )
+        table = client.table(PERCEPTION_LOAD, on_message=lambda row: heard.append(row.message), worker="w9")
         until(lambda: service._load_publisher.matched)
 
         def publish() -> None:

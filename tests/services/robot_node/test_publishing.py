@@ -53,9 +53,12 @@ def test_each_observation_is_published_once(robot, make_node):
 
 def test_who_asks_gets_the_newest_one(robot, make_node):
     client = make_node("test", "t", alive=False)
-    with pytest.raises(Refused, match="hasn't observed anything yet"):
+    with pytest.raises(Refused, match="no such observation"):
         client.ask(ROBOT_OBSERVATION, robot="r1")
     robot.publish(observation(7))
     robot.publish(observation(8))
     answer = client.ask(ROBOT_OBSERVATION, robot="r1")
     assert (answer.message.seq, answer.payload) == (8, b"rgbdd")
+    assert client.ask(ROBOT_OBSERVATION, robot="r1", parameters={"seq": "8"}).message.seq == 8
+    with pytest.raises(Refused, match="no such observation"):
+        client.ask(ROBOT_OBSERVATION, robot="r1", parameters={"seq": "9"})

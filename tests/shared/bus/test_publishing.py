@@ -10,7 +10,6 @@ import zenoh
 from surveilnav.bus import Answer, Node
 from surveilnav.contract import ROBOT_OBSERVATION, ROBOT_STATUS, TRAFFIC, TRUTH
 from surveilnav.errors import BusError
-from surveilnav.messages import TrafficReport
 from tests.waiting import until
 
 
@@ -38,7 +37,7 @@ def test_a_slot_keeps_only_the_newest(make_node, truth):
 def test_traffic_reports_are_differences_that_a_table_puts_together(make_node, status):
     sender, reader = make_node("robot", "r1"), make_node("b", "b", alive=False)
     heard = []
-    table = reader.table(TRAFFIC, on_message=lambda row: heard.append(row.message), merge=TrafficReport.merged)
+    table = reader.table(TRAFFIC, on_message=lambda row: heard.append(row.message))
     quiet, busy = sender.publisher(ROBOT_STATUS, robot="r1"), sender.publisher(ROBOT_STATUS, robot="r2")
     quiet.put(status(1))
     until(lambda: heard)

@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
+import msgspec
+import pytest
+
 from surveilnav.bus.traffic import ReportedRows
+from surveilnav.bus.wire import decode, encode
+from surveilnav.contract import schema_of
+from surveilnav.errors import WireError
 from surveilnav.messages import TrafficReport, TrafficRow
 
 
@@ -28,6 +34,21 @@ def test_reports_are_put_together_whatever_is_missing_between_them():
     later = first.merged(report(row("b", 5), row("c", 1), is_partial=True))
     assert {r.key: r.n_bytes for r in later.rows} == {"a": 1, "b": 5, "c": 1}
     assert not later.is_partial
+    invented = [report(*(row(f"{n}-{k}", 1) for k in range(20_000)), is_partial=True) for n in range(5)]
+    for more in invented:
+        later = later.merged(more)
+        assert len(later.rows) <= 50_000
     part = report(row("a", 1), is_partial=True)
     assert part.merged(report(row("b", 1), is_partial=True)).is_partial
     assert later.merged(report(row("b", 1))).rows == [row("b", 1)], "the node was started again"
+
+
+@pytest.mark.parametrize("n_bytes", [-1, 2**63, 2**64 - 1])
+def test_numbers_that_nobody_can_hold_are_refused(n_bytes):
+    for hostile in (
+        report(row("a", n_bytes)),
+        msgspec.structs.replace(report(), tier_bytes={"features": n_bytes}),
+        msgspec.structs.replace(report(), unsent={"link": n_bytes}),
+    ):
+        with pytest.raises(WireError):
+            decode(TrafficReport, encode(hostile), schema_of(TrafficReport))

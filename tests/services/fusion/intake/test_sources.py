@@ -327,9 +327,10 @@ class Asked:
         monkeypatch.setattr(observations, "time", SimpleNamespace(monotonic=lambda: self.now_s))
         followed.node.ask, followed.node.wake = self._ask, threading.Event()
 
-    def _ask(self, stream, **ids):
+    def _ask(self, stream, *, parameters, timeout_s, **ids):
         assert (stream, ids) == (contract.ROBOT_OBSERVATION, {"robot": "r"})
         self.asked_s.append(self.now_s)
+        self.asked_seq = int(parameters["seq"])
         if self.answer is None:
             raise Unanswered("nobody")
         return self.answer
@@ -337,7 +338,7 @@ class Asked:
     def look(self, seconds: float = 0.0) -> list[int]:
         """The sequence numbers of what comes, over some time."""
         came = []
-        for _ in range(1 + round(seconds * 4)):
+        for _ in range(1 + round(seconds * 4)):  # every quarter of a second
             before = len(threading.enumerate())
             came += [frame.message.seq for frame in self.followed.look()[0]]
             until(lambda before=before: len(threading.enumerate()) <= before)
@@ -359,12 +360,42 @@ def test_nobody_asks_for_what_came(asked):
 def test_an_observation_that_got_lost_is_asked_for_ever_more_seldom_until_it_comes(asked):
     asked.followed.node.robot("r", seq=2)
     asked.look(35.0)
-    assert [round(at_s - 100.0) for at_s in asked.asked_s] == [1, 3, 7, 15, 31]
+    assert [round(at_s - 100.0) for at_s in asked.asked_s] == [2, 4, 10, 22]
     asked.answer = Received("", {"robot": "r"}, header(seq=2), b"", 1)
     assert asked.look(35.0) == [2]
     n = len(asked.asked_s)
     asked.look(60.0)
     assert len(asked.asked_s) == n
+
+
+@pytest.mark.parametrize("seq", [1, 3])
+def test_an_answer_with_another_number_changes_nothing(asked, seq):
+    asked.followed.node.robot("r", seq=2)
+    asked.answer = Received("", {"robot": "r"}, header(seq=seq, stamp_ns=seq), b"", 1)
+    assert asked.look(35.0) == []
+    assert asked.asked_seq == 2
+    assert [round(at_s - 100.0) for at_s in asked.asked_s] == [2, 4, 10, 22]
+
+
+def test_a_late_answer_doesnt_come_after_a_newer_observation(asked):
+    asked.followed.node.robot("r", seq=2)
+    asked.look(1.25)
+    asked.answer = Received("", {"robot": "r"}, header(seq=2, stamp_ns=2), b"", 1)
+    asked.now_s += 1.0
+    asked.followed.sources._follow_robots()  # asks
+    until(lambda: not asked.followed.sources._robots._answers.empty())
+    asked.followed.says(seq=3, stamp_ns=3)
+    asked.followed.node.robot("r", seq=4)
+    assert asked.look(1.0) == [3]
+
+
+def test_a_robot_that_came_back_is_asked_though_its_number_is_the_same(asked):
+    asked.followed.node.living = {"r"}
+    asked.answer = Received("", {"robot": "r"}, header(seq=1, stamp_ns=99), b"", 1)
+    assert asked.look(3.0) == [1]
+    assert len(asked.asked_s) == 1
+    assert asked.look(40.0) == []
+    assert len(asked.asked_s) == 1
 
 
 def test_an_answer_that_came_too_late_isnt_let_in(asked):

@@ -71,7 +71,10 @@ def test_a_cameras_three_numbers():
 
 def test_frames_that_nobody_read_are_known_by_reason():
     sender = msgspec.structs.replace(
-        REPORTS[0], tier_bytes={"features": 400, "objects": 600}, unsent={"link": 7}, stamp_ns=2
+        REPORTS[0],
+        tier_bytes={"features": 400, "objects": 600, "[/invented]": 9},
+        unsent={"link": 7, "[invented]": 8},
+        stamp_ns=2,
     )
     readers = [
         report("fusion", "low", (FRAME, "delivered", 1, 300), (FRAME, "replaced", 1, 250), (REQUEST, "replaced", 1, 9)),
