@@ -26,8 +26,8 @@ ROUTER = "@surveilnav/router/{contract}/{release}"
 Priority = Literal["control", "data", "maps", "bulk"]
 #: What happens to a message for which a link has no room.
 WhenFull = Literal["wait", "leave out"]
-#: Only large messages may be left out, none that was acknowledged: bulk data is published again until it was processed or a
-#: newer message has replaced it, and queries for maps are repeated.
+#: Only large messages may be left out, none that was acknowledged: who lacks a frame or an observation asks for it until it was
+#: processed or a newer one has replaced it, and queries for maps are repeated.
 WHEN_FULL: dict[Priority, WhenFull] = {"control": "wait", "data": "wait", "maps": "leave out", "bulk": "leave out"}
 _FIELD = re.compile(r"\{(\w+)\}")
 #: Pattern of an id, which can stand in a key; ``ID_PATTERN`` matches a whole string.
