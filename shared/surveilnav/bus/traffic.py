@@ -16,6 +16,7 @@ import time
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import suppress
+from functools import reduce
 from typing import Literal, NamedTuple
 
 from surveilnav.messages import TrafficRow
@@ -29,11 +30,11 @@ _ALL_ROWS_S = 300.0
 OTHER_KEYS = "(other keys)"
 
 Direction = Literal["offered", "delivered", "replaced"]
-# Where numbers stand in TCP_INFO (linux/tcp.h, kernel >= 4.19): bytes_sent (retransmissions included), bytes_retrans,
-# bytes_received and bytes_acked; and snd_mss, notsent_bytes and min_rtt, which is in microseconds.
-_TCP_INFO_BYTES = 200, 208, 128, 120
-_TCP_INFO_NUMBERS = 16, 144, 148
-_TCP_INFO_LENGTH = 216
+# Where numbers stand in TCP_INFO (linux/tcp.h, kernel >= 4.19): bytes_sent (retransmissions included), bytes_received and
+# bytes_acked; and snd_mss and min_rtt, which is in microseconds.
+_TCP_INFO_BYTES = 200, 128, 120
+_TCP_INFO_NUMBERS = 16, 148
+_TCP_INFO_LENGTH = 208
 _UNKNOWN = 2**32 - 1
 
 
@@ -148,19 +149,17 @@ class WireCounter:
     def read(self) -> WireBytes | None:
         """The counts so far; None without /proc, or without such a socket."""
         now_s = time.monotonic()
-        if now_s - self._looked_s < _LOOK_S:
-            infos = [_tcp_info(descriptor, self._port) for descriptor in self._found]
-        else:  # which ones there are is seldom news, and takes ten times as long to find out
-            infos = [None]
-        if None in infos:
-            self._found = tuple(d for d in _sockets() if _tcp_info(d, self._port))
+        found: list[WireBytes | None] = [None]
+        if (
+            now_s - self._looked_s < _LOOK_S
+        ):  # which ones there are is seldom news, and takes ten times as long to find out
+            found = [_counts_of(descriptor, self._port) for descriptor in self._found]
+        if None in found:
+            counted = {descriptor: _counts_of(descriptor, self._port) for descriptor in _sockets()}
+            self._found = tuple(descriptor for descriptor, counts in counted.items() if counts is not None)
             self._looked_s = now_s if self._found else -math.inf  # they are connected again at any moment
-            infos = [_tcp_info(descriptor, self._port) for descriptor in self._found]
-        total: WireBytes | None = None
-        for info in infos:
-            if info is not None and len(info) >= _TCP_INFO_LENGTH:
-                total = _with_socket(total or WireBytes(0, 0, 0, 0, 0.0, 0), info)
-        return total
+            found = [counts for counts in counted.values() if counts is not None]
+        return reduce(_sum, (counts for counts in found if counts is not None)) if found else None
 
 
 def _sockets() -> Iterator[int]:
@@ -175,28 +174,35 @@ def _sockets() -> Iterator[int]:
                 yield int(name)
 
 
-def _tcp_info(descriptor: int, port: int) -> bytes | None:
-    """TCP_INFO of a socket that is connected to a remote port; None: it isn't, or not any more."""
+def _counts_of(descriptor: int, port: int) -> WireBytes | None:
+    """The counts on a socket that is connected to a remote port; None: it isn't, or not any more."""
+    import fcntl  # only where there is /proc
+    import termios
+
     try:
         with socket.socket(fileno=os.dup(descriptor)) as sock:
             if sock.type != socket.SOCK_STREAM or sock.family not in (socket.AF_INET, socket.AF_INET6):
                 return None
             if sock.getpeername()[1] != port:
                 return None
-            return sock.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, 256)
+            info = sock.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, 256)
+            queued = fcntl.ioctl(sock.fileno(), termios.TIOCOUTQ, b"\0" * 4)
     except OSError:
         return None
+    if len(info) < _TCP_INFO_LENGTH:
+        return None
+    sent, received, acknowledged = (struct.unpack_from("<Q", info, at)[0] for at in _TCP_INFO_BYTES)
+    segment_bytes, min_rtt_us = (struct.unpack_from("<I", info, at)[0] for at in _TCP_INFO_NUMBERS)
+    round_trip_s = 1e-6 * min_rtt_us if min_rtt_us != _UNKNOWN else 0.0
+    return WireBytes(sent, received, acknowledged, segment_bytes, round_trip_s, struct.unpack("i", queued)[0])
 
 
-def _with_socket(total: WireBytes, info: bytes) -> WireBytes:
-    """The counts with those of one more socket. Its handshake counts as an acknowledged byte."""
-    sent, repeated, received, acknowledged = (struct.unpack_from("<Q", info, at)[0] for at in _TCP_INFO_BYTES)
-    segment_bytes, not_sent, min_rtt_us = (struct.unpack_from("<I", info, at)[0] for at in _TCP_INFO_NUMBERS)
+def _sum(one: WireBytes, other: WireBytes) -> WireBytes:
     return WireBytes(
-        sent=total.sent + sent,
-        received=total.received + received,
-        acknowledged=total.acknowledged + acknowledged,
-        segment_bytes=max(total.segment_bytes, segment_bytes),
-        round_trip_s=max(total.round_trip_s, 1e-6 * min_rtt_us if min_rtt_us != _UNKNOWN else 0.0),
-        queued=total.queued + max(0, sent - repeated - (acknowledged - 1) + not_sent),
+        sent=one.sent + other.sent,
+        received=one.received + other.received,
+        acknowledged=one.acknowledged + other.acknowledged,
+        segment_bytes=max(one.segment_bytes, other.segment_bytes),
+        round_trip_s=max(one.round_trip_s, other.round_trip_s),
+        queued=one.queued + other.queued,
     )

@@ -1,15 +1,19 @@
-"""Which rows of a traffic report are published: those that have changed, and from time to time all."""
+"""Which rows of a traffic report are published, how reports are put together, and what the kernel counts."""
 
 from __future__ import annotations
+
+import socket
+from pathlib import Path
 
 import msgspec
 import pytest
 
-from surveilnav.bus.traffic import ReportedRows
+from surveilnav.bus.traffic import ReportedRows, WireCounter
 from surveilnav.bus.wire import decode, encode
 from surveilnav.contract import schema_of
 from surveilnav.errors import WireError
 from surveilnav.messages import TrafficReport, TrafficRow
+from tests.waiting import until
 
 
 def row(key: str, n_bytes: int) -> TrafficRow:
@@ -52,3 +56,29 @@ def test_numbers_that_nobody_can_hold_are_refused(n_bytes):
     ):
         with pytest.raises(WireError):
             decode(TrafficReport, encode(hostile), schema_of(TrafficReport))
+
+
+@pytest.mark.skipif(
+    not Path("/proc/self/fd").exists(), reason="the kernel's counts are read from /proc, which only Linux has"
+)
+def test_the_kernels_counts_are_those_of_connections_to_one_port():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        counter = WireCounter(server.getsockname()[1])
+        assert counter.read() is None
+        with socket.create_connection(server.getsockname()) as sender, server.accept()[0] as reader:
+            counts = counter.read()
+            assert (counts.sent, counts.queued, counts.segment_bytes > 500) == (0, 0, True)
+            sender.sendall(b"x" * 5000)
+            until(lambda: counter.read().acknowledged == counts.acknowledged + 5000)
+            sender.setblocking(False)
+            given = 0
+            with pytest.raises(BlockingIOError):
+                while True:
+                    given += sender.send(b"x" * 100_000)  # until the kernel takes no more, as nobody reads
+            stuck = counter.read()
+            assert stuck.acknowledged + stuck.queued == counts.acknowledged + 5000 + given
+            with socket.create_connection(server.getsockname()) as second, server.accept()[0]:
+                second.sendall(b"x" * 100)
+                until(lambda: counter.read().acknowledged > stuck.acknowledged + 100 - 1, timeout_s=5.0)
+            assert reader.recv(10)
+        assert counter.read() is None
