@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import socket
+from contextlib import suppress
 from pathlib import Path
 
 import msgspec
@@ -72,13 +73,13 @@ def test_the_kernels_counts_are_those_of_connections_to_one_port():
             until(lambda: counter.read().acknowledged == counts.acknowledged + 5000)
             sender.setblocking(False)
             given = 0
-            with pytest.raises(BlockingIOError):
+            with suppress(BlockingIOError):
                 while True:
                     given += sender.send(b"x" * 100_000)  # until the kernel takes no more, as nobody reads
             stuck = counter.read()
             assert stuck.acknowledged + stuck.queued == counts.acknowledged + 5000 + given
             with socket.create_connection(server.getsockname()) as second, server.accept()[0]:
                 second.sendall(b"x" * 100)
-                until(lambda: counter.read().acknowledged > stuck.acknowledged + 100 - 1, timeout_s=5.0)
+                until(lambda: counter.read().acknowledged > stuck.acknowledged + 100)  # its handshake counts as a byte
             assert reader.recv(10)
         assert counter.read() is None
