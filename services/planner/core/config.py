@@ -203,7 +203,10 @@ class PlannerConfig(BaseModel):
     )
     verify_cost_m: float = Field(2.0, gt=0, description="cost of looking at an object, in addition to the way to it")
     standoff_m: float = Field(0.75, description="preferred distance from an object to stop at")
-    stop_m: float = Field(0.85, description="distance to stop at if no way leads to within standoff_m")
+    stop_m: float = Field(
+        0.95,
+        description="an object in sight counts as reached within this distance, also on the way to within standoff_m",
+    )
     farthest_stop_m: float = Field(1.50, description="the farthest distance at which an object counts as reached")
     inspect_m: float = Field(
         2.0, description="on its way, the robot turns to an unverified object once it is within this distance"
