@@ -53,6 +53,7 @@ from surveilnav.messages import (
 from surveilnav.sensing.packing import pack_array
 from surveilnav.services.planner import targets
 from surveilnav.services.planner.config import PlannerSettings
+from surveilnav.services.planner.core import PlannerConfig
 from surveilnav.services.planner.service import PlannerService
 from surveilnav.services.planner.store import Store
 from tests.waiting import patient, until, until_heard
@@ -277,7 +278,7 @@ def test_finds_and_stops(fakes, planner, client):
     assert (status.state, status.found, status.error) == ("done", True, ""), status
     assert f.commands[-1] == "stop"
     assert f.stops_found == [True]
-    assert f.world.gap_m("C") <= 0.75
+    assert f.world.gap_m("C") <= PlannerConfig().stop_m
     assert status.step == len(f.commands)
     assert status.path_m == pytest.approx(f.world.path_m, abs=0.02)
     plan = client.ask(MISSION_PLAN, mission="m1").message

@@ -76,7 +76,7 @@ def test_false_positive_is_dismissed_and_search_goes_on(world, thing):
     ]
     state, decision = w.run()
     assert decision.found
-    assert w.gap_m("C") <= 0.85
+    assert w.gap_m("C") <= PlannerConfig().stop_m
     assert 1 in state.here.dismissed
 
 

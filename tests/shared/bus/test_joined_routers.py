@@ -90,7 +90,7 @@ def test_a_robot_on_one_router_works_with_services_on_the_other(machines, status
         slot = fusion.latest(CAMERA_FRAME, floor="0", camera="c1", view=0)
         until(lambda: frames.matched)
         frames._publisher.put(bytes(2 * 2**20))
-        until(lambda: slot._subscriber.try_recv() is not None)
+        until(lambda: slot._sample is not None)
         slot.close()
         until(lambda: not frames.matched)
 
