@@ -6,12 +6,12 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
-from typing import Any
+from typing import Any, Literal
 
 from surveilnav.bus import Node, clock_ns
 from surveilnav.contract import CAMERA_FRAME, TRUTH
 from surveilnav.errors import PerceptionError
-from surveilnav.messages import PERCEIVED_TIERS, Tier
+from surveilnav.messages import PERCEIVED_TIERS, Tier, WaitReason
 from surveilnav.sensing.truth import truth_to_wire
 from surveilnav.services.camera_node import messages
 from surveilnav.services.camera_node.config import CameraSettings
@@ -71,7 +71,7 @@ class ViewSender:
         self._asked_later_s: dict[int, float] = {}  # for what was under way then
         self._waiting: dict[int, int] = {}  # by view, the version that waits
         self._waits_since_s: dict[int, float] = {}
-        self._why_waiting = ""
+        self._why_waiting: WaitReason | Literal[""] = ""
         self._blind_until_s = 0.0
 
     @property
@@ -218,7 +218,7 @@ class ViewSender:
                 self._node.traffic.count_unsent(self._waits_for)
 
     @property
-    def _waits_for(self) -> str:
+    def _waits_for(self) -> WaitReason:
         return "budget" if self._bucket is not None and not self._bucket.allows else "link"
 
     def _report_waiting(self) -> None:

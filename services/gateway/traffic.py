@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Iterable
 from datetime import UTC, datetime
 
 from surveilnav.bus import Received
@@ -20,7 +21,11 @@ _STEPS_S: dict[TrafficStep, int] = {"second": 1, "minute": 60}
 
 def present_traffic(state: BuildingState, *, asks: bool = False) -> Traffic:
     """The bytes that every node has counted, summed by node, camera and robot. ``asks``: nodes are asked for newer counts."""
-    rows = {f"{r.message.kind}/{r.message.node}": r for r in _whole_reports(state, asks=asks)}
+    return _summed(state, _whole_reports(state, asks=asks))
+
+
+def _summed(state: BuildingState, reports: Iterable[Received[TrafficReport]]) -> Traffic:
+    rows = {f"{r.message.kind}/{r.message.node}": r for r in reports}
     received = {name: ReportAge(row.received_ns, state.traffic.is_old(row)) for name, row in rows.items()}
     return sum_traffic((row.message for row in rows.values()), received)
 
@@ -48,8 +53,9 @@ class TrafficMeter:
 
     def update(self) -> None:
         """Adds what was sent since the last update."""
-        counts = ByteCounts.from_traffic(present_traffic(self._state))
-        totals = links_by_node(row.message for row in _whole_reports(self._state))
+        reports = _whole_reports(self._state)
+        counts = ByteCounts.from_traffic(_summed(self._state, reports))
+        totals = links_by_node(row.message for row in reports)
         statuses = [row.message for row in self._state.missions.newest("mission").values()]
         with self._lock:
             self._usages.update(statuses, counts)

@@ -14,7 +14,7 @@ from typing import NamedTuple, get_args
 
 import surveilnav
 from surveilnav import contract
-from surveilnav.messages import Tier, TrafficReport
+from surveilnav.messages import Tier, TrafficReport, WaitReason
 from surveilnav.rest import LinkTraffic, NodeTraffic, SourceTraffic, Traffic
 from surveilnav.services.gateway.core.resources import utc
 from surveilnav.services.gateway.core.traffic_series import LINKS
@@ -100,7 +100,7 @@ def _node(report: TrafficReport, received: ReportAge) -> NodeTraffic:
         simulation_bytes=sum(r.n_bytes for r in report.rows) - sum(r.n_bytes for r in real),
         clock_offset_s=(report.stamp_ns - received.seen_ns) / 1e9 if received.seen_ns else None,
         rejected=report.rejected,
-        unsent={reason: n for reason, n in report.unsent.items() if reason in ("budget", "link")},
+        unsent={reason: n for reason, n in report.unsent.items() if reason in get_args(WaitReason)},
         release=report.release,
         other_release=report.release != surveilnav.__version__,
         problems=report.problems,

@@ -38,7 +38,7 @@ from surveilnav.messages.mission import (
     MissionStatus,
     Plan,
 )
-from surveilnav.messages.node import Ack, ErrorReply, ServiceList, ServiceState, TrafficReport, TrafficRow
+from surveilnav.messages.node import Ack, ErrorReply, ServiceList, ServiceState, TrafficReport, TrafficRow, WaitReason
 from surveilnav.messages.passage import PassageState
 from surveilnav.messages.perception import Detection, InferReply, InferRequest, ModelIds, TextReply, WorkerLoad
 from surveilnav.messages.pictures import ForgetPictures, PicturesForgotten
@@ -161,6 +161,7 @@ __all__ = [
     "TextReply",
     "TrafficReport",
     "TrafficRow",
+    "WaitReason",
     "Truth",
     "ViewPicture",
     "WorkerLoad",

@@ -61,6 +61,10 @@ Count = Annotated[int, msgspec.Meta(ge=0, le=2**62)]
 _MAX_ROWS = 50_000
 
 
+#: What frames of a camera wait for.
+WaitReason = Literal["budget", "link"]
+
+
 class TrafficRow(msgspec.Struct, frozen=True):
     """Messages and bytes of one key at one node since the node started.
 
