@@ -244,10 +244,10 @@ class Sight:
         observed = Observation(
             believed or state, T_believed, CAMERA, CAMERA_HEIGHT_M, DEPTH_RANGE_M, rendered.rgb, rendered.depth_m
         )
-        sent = encode_observation(observed, ROBOT, _ROBOT_JPEG_QUALITY, stamp_ns=state.seq)
+        message, pictures = encode_observation(observed, ROBOT, _ROBOT_JPEG_QUALITY, stamp_ns=state.seq)
         address = ROBOT_OBSERVATION.key_for(building=_BUILDING, robot=ROBOT)
-        view = decode_frame(sent.message, sent.payload)
-        offered_bytes = len(sent.payload) + len(encode(sent.message)) + len(address)
+        view = decode_frame(message, pictures)
+        offered_bytes = len(pictures) + len(encode(message)) + len(address)
         return SeenView(view, self._perceive(view, rendered, key), offered_bytes)
 
     def by_floor(self) -> dict[str, dict[str, float]]:

@@ -6,13 +6,12 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
-from typing import Any, Literal
+from typing import Literal
 
 from surveilnav.bus import Node, clock_ns
-from surveilnav.contract import CAMERA_FRAME, TRUTH
+from surveilnav.contract import CAMERA_FRAME
 from surveilnav.errors import PerceptionError
 from surveilnav.messages import PERCEIVED_TIERS, Tier, WaitReason
-from surveilnav.sensing.truth import truth_to_wire
 from surveilnav.services.camera_node import messages
 from surveilnav.services.camera_node.config import CameraSettings
 from surveilnav.services.camera_node.core import sending
@@ -53,7 +52,6 @@ class ViewSender:
         self._node, self._source, self._choice = node, source, settings.tier
         views, ids = range(len(source.views)), {"floor": source.place.floor, "camera": source.place.name}
         self._frames = {v: node.publisher(CAMERA_FRAME, **ids, view=v) for v in views}
-        self._truths = {v: node.publisher(TRUTH, source=f"camera-{source.place.name}", view=v) for v in views}
         self.encoder = FrameEncoder(source, settings, own)
         self.sending = False
         self.order: Sequence[int] = ()
@@ -177,7 +175,6 @@ class ViewSender:
         if self._paused():
             return False
         self._seq[view] += 1
-        self._send_truth(view, frame.version)
         header = messages.frame_header(self._source, view, self._seq[view], frame, now_ns=clock_ns())
         self._link = self._link.with_frame(len(frame.payload), time.monotonic(), self._counts())
         self._node.traffic.count_frame(frame.tier, self._frames[view].put(header, frame.payload))
@@ -199,17 +196,6 @@ class ViewSender:
                 self._node.traffic.reject("own perception")
                 self._node.log.warning("the camera can't look by itself, and sends pictures", error=str(error))
         return self.encoder.newest(view, "jpeg+depth" if tier in PERCEIVED_TIERS else tier)
-
-    def _send_truth(self, view: int, version: int) -> None:
-        """Publishes the instance ids of a simulated view, to which only the backends oracle and simulated ever listen."""
-        if not self._truths[view].matched:
-            return
-        picture = self._source.latest(view)
-        if picture.truth is None or picture.version != version:
-            return
-        source: Any = f"camera/{self._source.place.name}"
-        truth = truth_to_wire(picture.truth, source=source, view=view, seq=self._seq[view], stamp_ns=clock_ns())
-        self._truths[view].put(*truth)
 
     def _count_unsent(self, versions: Mapping[int, int]) -> None:
         """Counts pictures that waited and that newer ones have replaced."""

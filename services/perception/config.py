@@ -68,9 +68,3 @@ class PerceptionSettings(BaseSettings):
         ge=0,
         description="disk space for replies about camera views of a simulated building, which are the same in every run; 0: none",
     )
-    truth_wait_s: float = Field(
-        default=2.0, ge=0, description="oracle and simulated: how long a request waits for instance ids"
-    )
-    truth_capacity: int = Field(
-        default=256, ge=1, description="oracle and simulated: newest views whose instance ids are stored"
-    )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
@@ -13,14 +12,13 @@ from surveilnav.messages import InferReply, InferRequest
 from surveilnav.perception.backend import Backend, Stage, ViewTask
 from surveilnav.services.perception.config import PerceptionSettings
 from surveilnav.services.perception.core.checks import check_view
-from surveilnav.services.perception.core.queue import Job
 from surveilnav.services.perception.core.refusal import Refusal
 from surveilnav.services.perception.core.reply import CachedReply, build_reply
 from surveilnav.services.perception.embedding import EmbeddingStage
 from surveilnav.services.perception.pending_request import PendingRequest
 from surveilnav.services.perception.reply_cache import ReplyCache
 from surveilnav.services.perception.stage_pipeline import PipelineStage, StagePipeline
-from surveilnav.services.perception.truth_channel import TruthChannel, TruthLoader
+from surveilnav.services.perception.truth_channel import ask_for_truth
 
 _EXPIRE_PERIOD_S = 0.05
 
@@ -33,7 +31,6 @@ class InferenceHandler:
         self._node, self._backend, self._embedding, self._worker = node, backend, embedding, settings.worker
         self._cache, self._prompt_embedder = ReplyCache(backend, settings), ThreadPoolExecutor(1, "new prompts")
         self.pipeline = StagePipeline(self._stages(settings), settings.capacity, node.stopping)
-        self._truth = TruthChannel(node, backend.name, settings) if backend.needs_truth else None
         threading.Thread(target=self._expire, name="expire", daemon=True).start()
 
     def _stages(self, settings: PerceptionSettings) -> list[PipelineStage]:
@@ -65,12 +62,15 @@ class InferenceHandler:
         except Refusal as error:
             raise Refused(error.name, str(error)) from error
         pending = PendingRequest(request, payload, embedding_only=not request.detects and self._backend.needs_prompts)
-        if self._truth is None:  # replies of a backend that is told the truth depend on more than the picture
+        if self._backend.needs_truth:  # so its replies depend on more than the picture
+            pending.load_truth = lambda: ask_for_truth(self._node, self._backend.name, *pending.view_key)
+        else:
             pending.cache_key = self._cache.key_for(request, payload)
             cached = self._cache.get(pending.cache_key)
             if cached is not None:
                 return self._reply_from_cache(request, cached)
-        self._admit(pending.job(received_ns))
+        if self.pipeline.admit(job := pending.job(received_ns)):
+            self.pipeline.start(job)
         return pending.answer
 
     def _picture(self, request: InferRequest, payload: bytes) -> bytes:
@@ -110,22 +110,6 @@ class InferenceHandler:
             )
         )
 
-    def _admit(self, job: Job[PendingRequest]) -> None:
-        """Starts a request, once its instance ids have arrived if the backend needs them."""
-        if not self.pipeline.admit(job):
-            return
-        if self._truth is None:
-            self.pipeline.start(job)
-        else:
-            self._truth.request(job.item.view_key, lambda truth: self._start_with_truth(job, truth))
-
-    def _start_with_truth(self, job: Job[PendingRequest], truth: TruthLoader | Refused) -> None:
-        if isinstance(truth, Refused):
-            self.pipeline.refuse(job, truth)
-        else:
-            job.item.load_truth = truth
-            self.pipeline.start(job)
-
     def _reply(self, pending: PendingRequest) -> None:
         """The last stage: sets and caches the reply."""
         perception = pending.task.result if pending.task is not None else None
@@ -147,8 +131,6 @@ class InferenceHandler:
         """Refuses what has waited too long, until the process ends."""
         while not self._node.stopping.wait(_EXPIRE_PERIOD_S):
             self.pipeline.expire()
-            if self._truth is not None:
-                self._truth.expire(time.monotonic())
 
 
 def _backend_stage(stage: Stage, max_batch: int) -> PipelineStage:

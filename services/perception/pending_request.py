@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass, field
 from typing import Any
@@ -15,10 +16,9 @@ from surveilnav.messages import InferRequest
 from surveilnav.perception.backend import ViewTask
 from surveilnav.perception.protocols import RgbdView
 from surveilnav.sensing.packing import decode_rgbd
-from surveilnav.sensing.views import measured_depth_m
+from surveilnav.sensing.views import TrueInstances, measured_depth_m
 from surveilnav.services.perception.core.queue import Job
 from surveilnav.services.perception.core.refusal import Refusal
-from surveilnav.services.perception.truth_channel import TruthLoader
 
 
 @dataclass(slots=True, eq=False)
@@ -27,7 +27,7 @@ class PendingRequest:
 
     Attributes:
         cache_key: where its reply is cached; empty if it isn't.
-        load_truth: decodes the instance ids of the view; only for backends that are told the truth.
+        load_truth: gets the instance ids of the view; only for backends that are told the truth.
         embedding_only: the request wants only the view's embedding, and the backend needs no detections to compute it.
         answer: completed when the request is answered or refused.
         task: the decoded view and the results of the backend's stages.
@@ -39,7 +39,7 @@ class PendingRequest:
     request: InferRequest
     payload: bytes
     cache_key: bytes = b""
-    load_truth: TruthLoader | None = None
+    load_truth: Callable[[], TrueInstances] | None = None
     embedding_only: bool = False
     answer: Future[Any] = field(default_factory=Future)
     task: ViewTask | None = None
@@ -64,7 +64,7 @@ class PendingRequest:
         return Job(self, r.source.startswith("robot/"), received_ns + r.deadline_ms * 1_000_000, replaces)
 
     def decode(self) -> None:
-        """Decodes the payload into ``task``. Raises WireError if the picture can't be decoded."""
+        """Decodes the payload into ``task``. Raises WireError if the picture can't be decoded, Refused if there is no truth."""
         r = self.request
         assert r.camera is not None, "check_view() was called before"
         assert r.image is not None, "check_view() was called before"

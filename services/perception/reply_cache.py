@@ -26,8 +26,6 @@ _SERVING_SETTINGS = {
     "decoders",
     "cache_mb",
     "disk_cache_mb",
-    "truth_wait_s",
-    "truth_capacity",
 }
 
 

@@ -2,26 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from surveilnav import messages
 from surveilnav.geometry import Pose
 from surveilnav.sensing.packing import encode_rgbd
-from surveilnav.sensing.views import TrueInstances
 from surveilnav.services.robot_node.bodies.body import Observation
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class EncodedObservation:
-    """An observation ready to be published, as often as needed. ``truth``: instance ids, from simulated robots only."""
-
-    message: messages.Observation
-    payload: bytes
-    truth: TrueInstances | None
-
-
-def encode(observation: Observation, robot: str, jpeg_quality: int, *, stamp_ns: int) -> EncodedObservation:
-    """Encodes the pictures, with ``jpeg_quality`` 1-100, and makes the message of an observation."""
+def encode(
+    observation: Observation, robot: str, jpeg_quality: int, *, stamp_ns: int
+) -> tuple[messages.Observation, bytes]:
+    """The message of an observation, and its pictures, encoded with ``jpeg_quality`` 1-100."""
     state = observation.state
     payload, image, depth = encode_rgbd(
         observation.rgb,
@@ -47,4 +37,4 @@ def encode(observation: Observation, robot: str, jpeg_quality: int, *, stamp_ns:
         path_m=state.path_m,
         scan=observation.scan,
     )
-    return EncodedObservation(message, payload, observation.truth)
+    return message, payload

@@ -49,7 +49,7 @@ class RobotService:
         if (observed := self._observe_if_due(now_s, has_acted=has_acted)) is not None:
             self._report_if_due(now_s, at_once=self._body.description.drive == "waypoints")  # its number is new
             quality = self._settings.jpeg_quality
-            self._observations.publish(encode(observed, self._settings.id, quality, stamp_ns=clock_ns()))
+            self._observations.publish(*encode(observed, self._settings.id, quality, stamp_ns=clock_ns()))
             return True
         return False
 

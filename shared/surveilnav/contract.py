@@ -563,11 +563,11 @@ TRUTH = Stream(
     "{building}/truth/{source}/{view}",
     m.Truth,
     "simulator nodes",
-    "put",
+    "query",
     None,
-    10_000,
+    2_000,
     "bulk",
-    "simulation only: instance ids for the backends oracle and simulated",
+    "simulation only: instance ids of a view (parameter seq), for the backends oracle and simulated",
     payload=True,
 )
 JUDGED = Stream(

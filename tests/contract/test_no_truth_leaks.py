@@ -85,15 +85,14 @@ def test_a_request_to_perception_carries_no_truth():
 
 #: Where instance ids pass: from a simulated source or body over the key to the backends that need them.
 TRUTH_USERS = {
-    "camera_node/view_sender.py",
+    "camera_node/simulated.py",
     "camera_node/sources/simulated.py",
     "camera_node/sources/source.py",
     "perception/truth_channel.py",
     "perception/core/probe.py",  # a backend that is told the truth is told that the probe shows nothing
-    "robot_node/bodies/body.py",
+    "perception/pending_request.py",
     "robot_node/bodies/simulated.py",
-    "robot_node/observation.py",
-    "robot_node/publishing.py",
+    "robot_node/simulated.py",
 }
 #: The gateway alone hears the simulator's verdict of a stop; its sums of traffic leave all of that out.
 JUDGED_USERS = {"robot_node/verdicts.py", "gateway/state.py", "gateway/missions.py"}

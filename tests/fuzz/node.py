@@ -94,7 +94,7 @@ class FedNode:
         self.answer: Callable[[Stream, Any], Received[Any]] = self._nobody
         self.rejected: Counter[str] = Counter()
         self.present: dict[str, set[str]] = defaultdict(set)
-        self.traffic = SimpleNamespace(rows=list)
+        self.traffic = SimpleNamespace(rows=list, count_frame=lambda tier, n_bytes: None)
         self._tables: dict[str, list[_Table]] = defaultdict(list)
         self._slots: dict[str, _Slot] = {}
 

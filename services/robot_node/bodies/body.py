@@ -13,7 +13,6 @@ from surveilnav.geometry import Matrix4, Pinhole
 from surveilnav.messages import RobotDescription, Stair, WaypointPose, WaypointStatus
 from surveilnav.messages.view import ScanHeader
 from surveilnav.robot_state import RobotState
-from surveilnav.sensing.views import TrueInstances
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,7 +27,6 @@ class Observation:
         depth_range_m: (nearest, farthest) depth that the camera measures.
         rgb: (height, width, 3) uint8.
         depth_m: (height, width) float32 [m] along the optical axis; 0 or NaN where there is none.
-        truth: which instance each pixel shows. Only simulated robots know; None on a real one.
         scan: of its laser scanner at about that moment; None: it has none.
     """
 
@@ -39,7 +37,6 @@ class Observation:
     depth_range_m: tuple[float, float]
     rgb: NDArray[np.uint8]
     depth_m: NDArray[np.float32]
-    truth: TrueInstances | None = None
     scan: ScanHeader | None = None
 
 

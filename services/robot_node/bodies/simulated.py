@@ -19,6 +19,8 @@ from surveilnav.simulator.simulation import SimulatedBuilding
 from surveilnav.simulator.world import robot_motion
 from surveilnav.simulator.world.goals import find_goals, judge
 
+#: So many of the newest views' instance ids are kept.
+_N_TRUTHS = 4
 #: A building may have hundreds of notes, and they travel in every status message.
 _MAX_NOTES = 8
 
@@ -28,7 +30,7 @@ class SimulatedBody(ActionBody):
 
     def __init__(self, building: SimulatedBuilding, state: RobotState, state_file: StateFile | None = None) -> None:
         self._building, self._state, self._file = building, state, state_file
-        self._labels = building.scene.truth_labels
+        self._labels, self._truths = building.scene.truth_labels, dict[int, TrueInstances]()
         self.stairs: Sequence[Stair] = robot_motion.stairs_in(building.navigation)
 
     @property
@@ -67,8 +69,13 @@ class SimulatedBody(ActionBody):
         state = self._state
         T_world_camera = state.camera_pose()
         view = self._building.robot_view(T_world_camera, CAMERA, DEPTH_RANGE_M, state.seq)
-        truth = TrueInstances(view.instance_ids, self._labels, T_world_camera)
-        return Observation(state, T_world_camera, CAMERA, CAMERA_HEIGHT_M, DEPTH_RANGE_M, view.rgb, view.depth_m, truth)
+        truths = self._truths | {state.seq: TrueInstances(view.instance_ids, self._labels, T_world_camera)}
+        self._truths = dict(sorted(truths.items())[-_N_TRUTHS:])
+        return Observation(state, T_world_camera, CAMERA, CAMERA_HEIGHT_M, DEPTH_RANGE_M, view.rgb, view.depth_m)
+
+    def truth(self, seq: int) -> TrueInstances | None:
+        """Which instance each pixel of one of the newest observations shows."""
+        return self._truths.get(seq)
 
 
 class SimulatedJudge:

@@ -25,6 +25,7 @@ from surveilnav.services.camera_node.edge_perception import EdgePerception
 from surveilnav.services.camera_node.frames import FrameEncoder
 from surveilnav.services.camera_node.own_perception import OwnPerception
 from surveilnav.services.camera_node.service import CameraService
+from surveilnav.services.camera_node.simulated import serve_truth
 from surveilnav.services.camera_node.sources.masked import MaskedSource, hide_mask_zones
 from surveilnav.services.camera_node.sources.source import Picture
 from tests.services.camera_node.conftest import SIDE, Camera
@@ -116,8 +117,9 @@ def test_what_a_camera_puts_holds_nothing_of_its_zones(camera_node, make_node, c
     building = pair([ZONE])[secret - 1]
     hidden = pixels_in([ZONE], SIDE, SIDE)
     service = CameraService(camera_node, building, camera_settings)
-    frames, truths = client.latest(CAMERA_FRAME, **PLACE, view=3), client.latest(TRUTH, source="camera-c1", view=3)
-    until(lambda: service._sender._frames[3].matched and service._sender._truths[3].matched)
+    serve_truth(camera_node, hide_mask_zones(building, camera_settings))
+    frames = client.latest(CAMERA_FRAME, **PLACE, view=3)
+    until(lambda: service._sender._frames[3].matched)
     service.step()
     frame = until(frames.poll)
     view = decode_frame(frame.message, frame.payload)
@@ -127,7 +129,7 @@ def test_what_a_camera_puts_holds_nothing_of_its_zones(camera_node, make_node, c
     assert view.rgb[~hidden].std() > 30
     core = pixels_in([tuple((0.46 + 0.6 * (x - 0.46), 0.48 + 0.6 * (y - 0.48)) for x, y in ZONE)], SIDE, SIDE)
     assert view.rgb[core].max() <= 60  # black, but for what JPEG smears in from its rim
-    truth = until(truths.poll)
+    truth = client.ask(TRUTH, source="camera-c1", view=3, parameters={"seq": "1"})
     thumbnail = client.ask(CAMERA_REQUEST, CameraRequest(stamp_ns=1, action="thumbnail", views=[3]), **PLACE).payload
     source = MaskedSource(pair([ZONE])[0], {3: [ZONE]})
     same = FrameEncoder(source, CameraSettings(jpeg_quality=camera_settings.jpeg_quality, disk_cache_mb=0))

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import time
-
 import cv2
 import numpy as np
 import pytest
 
-from surveilnav.bus import Refused
+from surveilnav.bus import Refused, Unanswered
 from surveilnav.contract import CAMERA_FRAME, CAMERA_INFO, CAMERA_REQUEST, TRUTH
 from surveilnav.messages import CameraRequest
 from surveilnav.sensing.packing import decode_frame
 from surveilnav.sensing.truth import truth_from_wire
 from surveilnav.services.camera_node.config import CameraSettings
 from surveilnav.services.camera_node.service import CameraService
+from surveilnav.services.camera_node.simulated import serve_truth
 from tests.waiting import patient, until
 
 PLACE = {"floor": "0", "camera": "c1"}
@@ -83,55 +82,29 @@ def test_a_view_without_a_picture_yet_waits(camera_node, client, make_camera):
         assert cv2.imdecode(np.frombuffer(picture, np.uint8), cv2.IMREAD_COLOR).shape[1] == given_px
 
 
-def test_a_simulator_tells_what_each_pixel_shows_before_the_frame_to_who_listens(camera_node, client, make_camera):
+def test_a_simulator_tells_who_asks_what_each_pixel_shows(camera_node, client, make_camera):
     camera = make_camera()
-    service = CameraService(camera_node, camera, CameraSettings())
-    truths = client.latest(TRUTH, source="camera-c1", view=3)
-    frames = client.latest(CAMERA_FRAME, **PLACE, view=3)
-    listened(service, 3)
-    until(lambda: service._sender._truths[3].matched)
-    service.step()
-    frame, told = until(frames.poll), until(truths.poll)
-    assert (told.message.source, told.message.view, told.message.seq) == ("camera/c1", 3, frame.message.seq)
+    serve_truth(camera_node, camera)
+    told = client.ask(TRUTH, source="camera-c1", view=3, parameters={"seq": "7"})
+    assert (told.message.source, told.message.view, told.message.seq) == ("camera/c1", 3, 7)
     truth = truth_from_wire(told.message, told.payload)
     assert (truth.ids == 1).all()
     assert truth.labels == {1: "bed"}
     assert np.allclose(truth.T_world_camera, camera.views[3].matrix())
+    for view, seq in ((99, "1"), ("x", "1"), (3, ""), (3, "-1")):
+        with pytest.raises(Refused, match="one of the camera's views") as refused:
+            client.ask(TRUTH, source="camera-c1", view=view, parameters={"seq": seq})
+        assert refused.value.name == "no_truth"
 
 
-def test_a_real_camera_tells_no_truth_even_to_who_listens(camera_node, client, make_camera):
-    service = CameraService(camera_node, make_camera(real=True), CameraSettings())
-    truths = client.latest(TRUTH, source="camera-c1", view=3)
+def test_a_camera_tells_no_truth_unless_a_simulator_has_it_do_so(camera_node, client, make_node, make_camera):
+    service = CameraService(camera_node, make_camera(), CameraSettings())
     frames = client.latest(CAMERA_FRAME, **PLACE, view=3)
     listened(service, 3)
-    until(lambda: service._sender._truths[3].matched)
     service.step()
-    until(frames.poll)
-    assert truths.poll() is None
-
-
-def test_the_truth_of_a_picture_that_changed_meanwhile_is_not_told_of_the_old_one(camera_node, client, make_camera):
-    camera = make_camera()
-    make, camera.versions[3] = camera.latest, 5
-
-    def latest(view):
-        picture = make(view)
-        camera.versions[view] = 6  # a newer one is there at once
-        return picture
-
-    camera.latest = latest
-    service = CameraService(camera_node, camera, CameraSettings())
-    truths = client.latest(TRUTH, source="camera-c1", view=3)
-    frames = client.latest(CAMERA_FRAME, **PLACE, view=3)
-    listened(service, 3)
-    until(lambda: service._sender._truths[3].matched)
-    service.step()
-    assert until(frames.poll).message.seq == 1
-    time.sleep(0.2)
-    assert truths.poll() is None
-    service.step()
-    assert until(frames.poll).message.seq == 2
-    assert until(truths.poll).message.seq == 2
+    seq = until(frames.poll).message.seq
+    with pytest.raises(Unanswered, match="nobody is there"):
+        make_node("test", "u", alive=False).ask(TRUTH, source="camera-c1", view=3, parameters={"seq": str(seq)})
 
 
 def test_it_says_who_it_is_and_refuses_views_it_has_not(camera_node, client, make_camera):

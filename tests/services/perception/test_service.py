@@ -6,15 +6,15 @@ import math
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 
 import msgspec
 import numpy as np
 import pytest
 
-from surveilnav.bus import BusSettings, Node, Refused, clock_ns
+from surveilnav.bus import Answer, BusSettings, Node, Refused, Request, clock_ns
 from surveilnav.contract import PERCEPTION_INFER, PERCEPTION_LOAD, PERCEPTION_TEXT, TRUTH
 from surveilnav.geometry import Pinhole
 from surveilnav.messages import InferRequest, PayloadPart, Truth, WorkerLoad
@@ -75,51 +75,63 @@ def request(seq: int = 1, shade: int = 0, **changes: object) -> tuple[InferReque
     return msgspec.structs.replace(asked, **changes), payload
 
 
-def truth(seq: int) -> tuple[Truth, bytes]:
+def tell_truth(node: Node, seq: int) -> None:
+    """Has a node tell what one view of robot r shows, as simulator nodes do."""
     ids = np.zeros((48, 64), np.uint16)
     ids[10:30, 20:50] = 5
-    message = Truth(
-        stamp_ns=clock_ns(), source="robot/r", view=0, seq=seq, width_px=64, height_px=48, labels={5: "bed"}
-    )
-    return message, pack_array(ids)
+
+    def answer(asked: Request) -> Answer:
+        if asked.parameters != {"seq": str(seq)}:
+            raise Refused("no_truth", "another view")
+        message = Truth(
+            stamp_ns=clock_ns(), source="robot/r", view=0, seq=seq, width_px=64, height_px=48, labels={5: "bed"}
+        )
+        return Answer(message, pack_array(ids))
+
+    node.serve(TRUTH, answer, source="robot-r", view=0)
 
 
-def test_oracle_waits_for_the_instance_ids_of_just_that_view(bus: BusSettings, client: Node) -> None:
+def test_oracle_asks_for_the_instance_ids_of_just_that_view(bus: BusSettings, client: Node) -> None:
+    tell_truth(client, 7)
     with Node("perception", "w1", bus) as node:
-        serving(node, Oracle(), PerceptionSettings(worker="w1", truth_wait_s=5.0))
-        publisher = client.publisher(TRUTH, source="robot-r", view=0)
+        serving(node, Oracle(), PerceptionSettings(worker="w1"))
         asked, payload = request(seq=7)
-        with ThreadPoolExecutor() as pool:
-            answer = pool.submit(client.ask, PERCEPTION_INFER, asked, payload=payload, worker="w1", timeout_s=10)
-            time.sleep(0.2)
-            publisher.put(*truth(6))
-            time.sleep(0.2)
-            assert not answer.done(), "another view's ids don't count"
-            publisher.put(*truth(7))
-            reply = answer.result(timeout=10).message
+        reply = client.ask(PERCEPTION_INFER, asked, payload=payload, worker="w1", timeout_s=10).message
+        asked, payload = request(seq=6)
+        with pytest.raises(Refused, match=r"no instance ids of robot/r view 0 seq 6.*another view") as error:
+            client.ask(PERCEPTION_INFER, asked, payload=payload, worker="w1", timeout_s=10)
+    assert error.value.name == "no_truth"
     assert (reply.worker, reply.backend, reply.source, reply.seq) == ("w1", "oracle", "robot/r", 7)
     seen = perception_from_wire(reply, CAMERA)
     assert [(d.label, d.box_px) for d in seen.detections] == [("bed", (20.0, 10.0, 50.0, 30.0))]
 
 
-def test_without_instance_ids_the_request_is_refused_by_name(bus: BusSettings, client: Node) -> None:
+def test_where_nobody_tells_instance_ids_the_request_is_refused_by_name(bus: BusSettings, client: Node) -> None:
     with Node("perception", "w2", bus) as node:
-        serving(node, Oracle(), PerceptionSettings(worker="w2", truth_wait_s=0.1))
+        serving(node, Oracle(), PerceptionSettings(worker="w2"))
         asked, payload = request()
-        with pytest.raises(Refused, match="instance ids") as error:
+        with pytest.raises(Refused, match=r"instance ids.*nobody is there") as error:
             client.ask(PERCEPTION_INFER, asked, payload=payload, worker="w2", timeout_s=10)
     assert error.value.name == "no_truth"
 
 
-def test_a_real_backend_never_listens_to_truth(bus: BusSettings, client: Node) -> None:
-    publisher = client.publisher(TRUTH, source="robot-r", view=0)
-    with Node("perception", "w3", bus) as node:
-        serving(node, Patient(), PerceptionSettings(worker="w3"))
-        time.sleep(0.5)
-        assert not publisher.matched
-    with Node("perception", "w4", bus) as node:
-        serving(node, Oracle(), PerceptionSettings(worker="w4"))
-        until(lambda: publisher.matched, "the test can see a listener")
+def test_a_real_backend_never_asks_for_truth(bus: BusSettings, client: Node) -> None:
+    questions: list[Request] = []
+
+    def count(asked: Request) -> Answer:
+        questions.append(asked)
+        raise Refused("no_truth", "this is a test")
+
+    client.serve(TRUTH, count, source="robot-r", view=0)
+    asked, payload = request()
+    for backend, n_questions in ((Patient(), 0), (Oracle(), 1)):
+        with Node("perception", "w3", bus) as node:
+            if isinstance(backend, Patient):
+                backend.let.set()
+            serving(node, backend, PerceptionSettings(worker="w3"))
+            with suppress(Refused):
+                client.ask(PERCEPTION_INFER, asked, payload=payload, worker="w3", timeout_s=10)
+        assert len(questions) == n_questions
 
 
 def test_a_full_queue_refuses_and_a_deadline_is_kept_while_a_stage_is_stuck(bus: BusSettings, client: Node) -> None:
@@ -206,9 +218,7 @@ def test_times_are_published_when_something_was_processed_and_known_all_along(bu
 
         publish()
         publish()
-        publisher = client.publisher(TRUTH, source="robot-r", view=0)
-        until(lambda: publisher.matched)
-        publisher.put(*truth(1))
+        tell_truth(client, 1)
         asked, payload = request(seq=1)
         client.ask(PERCEPTION_INFER, asked, payload=payload, worker="w9", timeout_s=10)
         publish()

@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from surveilnav.bus import Refused, clock_ns
+from surveilnav.bus import Answer, Refused
 from surveilnav.bus.handover import HandoverFolder
 from surveilnav.cli.stack import environment
 from surveilnav.contract import PERCEPTION_LOAD, PERCEPTION_TEXT, TRUTH
@@ -273,24 +273,20 @@ def test_a_worker_of_other_settings_looks_itself(make_worker, scripted, request_
     assert backend.batches["detect"] == [[10], [10]]
 
 
-def truth_about(view: int, seq: int, left_px: int = 10) -> tuple[Truth, bytes]:
-    ids = np.zeros((48, 64), np.uint16)
-    ids[10:30, left_px : left_px + 20] = 5
-    told = Truth(
-        stamp_ns=clock_ns(), source="robot/r", view=view, seq=seq, width_px=64, height_px=48, labels={5: "bed"}
-    )
-    return told, pack_array(ids)
+def test_what_is_told_the_truth_is_not_remembered(make_worker, request_of, client):
+    worker, boxes = make_worker(Oracle()), []
 
+    def answer(asked):
+        seq = int(asked.parameters["seq"])
+        ids = np.zeros((48, 64), np.uint16)
+        ids[10:30, 20 * seq : 20 * seq + 20] = 5
+        told = Truth(stamp_ns=1, source="robot/r", view=10, seq=seq, width_px=64, height_px=48, labels={5: "bed"})
+        return Answer(told, pack_array(ids))
 
-def test_what_is_told_the_truth_is_not_remembered(make_worker, request_of, client, until):
-    worker = make_worker(Oracle(), truth_wait_s=15.0)
-    publisher = client.publisher(TRUTH, source="robot-r", view=0)
-    until(lambda: publisher.matched)
-    boxes = []
-    for seq, left_px in ((1, 10), (2, 30)):
-        publisher.put(*truth_about(10, seq, left_px))
+    client.serve(TRUTH, answer, source="robot-r", view=10)
+    for seq in (1, 2):
         boxes.append(worker.ask(request_of(10, seq=seq)).detections[0].box_px)
-    assert boxes == [(10.0, 10.0, 30.0, 30.0), (30.0, 10.0, 50.0, 30.0)]
+    assert boxes == [(20.0, 10.0, 40.0, 30.0), (40.0, 10.0, 60.0, 30.0)]
 
 
 def test_the_last_stage_and_texts_take_turns(make_worker, scripted, request_of, until):
@@ -307,21 +303,6 @@ def test_the_last_stage_and_texts_take_turns(make_worker, scripted, request_of, 
         backend.let["embed"].set()
         assert len(text.result().embeddings) == 1
         assert view.result().view == 10
-
-
-def test_views_that_wait_for_truth_hold_up_no_other(make_worker, request_of, bus, client, until):
-    worker = make_worker(Oracle(), truth_wait_s=15.0, decoders=1)
-    publisher = client.publisher(TRUTH, source="robot-r", view=0)
-    until(lambda: publisher.matched)
-    with ThreadPoolExecutor(4) as pool:
-        stuck = [pool.submit(worker.ask, request_of(shade, seq=99)) for shade in (10, 20, 30)]
-        until(lambda: worker.service.load().queued == 3)
-        publisher.put(*truth_about(40, 1))
-        assert worker.ask(request_of(40)).view == 40
-        assert not any(answer.done() for answer in stuck)
-        for view in (10, 20, 30):
-            publisher.put(*truth_about(view, 99))
-        assert [answer.result().view for answer in stuck] == [10, 20, 30]
 
 
 def test_answers_say_models_and_how_relevant_the_view_is_to_each_prompt(make_worker, scripted, request_of):

@@ -41,7 +41,6 @@ class Fakes:
         self.fusion.serve(contract.MAP_SNAPSHOT, self._snapshot)
         self.revision = self.fusion.publisher(contract.MAP_REVISION, floor="0")
         self.frames = self.camera.publisher(contract.CAMERA_FRAME, floor="0", camera="c1", view=0)
-        self.truth = self.camera.publisher(contract.TRUTH, source="camera-c1", view=0)
         self.statuses = {}
         return self
 
@@ -209,7 +208,6 @@ def test_no_camera_has_a_listener_more(bus, recorder):
     bus.put_revision()
     recorder.turn_until(lambda: recorder.views() == [1])
     assert not bus.frames.matched
-    assert not bus.truth.matched
     assert not bus.camera.publisher(contract.ROBOT_OBSERVATION, robot="r1").matched
 
 

@@ -11,14 +11,13 @@ from surveilnav.bus import Refused
 from surveilnav.contract import ROBOT_OBSERVATION
 from surveilnav.geometry import Pinhole, Pose
 from surveilnav.messages import Observation, PayloadPart
-from surveilnav.services.robot_node.observation import EncodedObservation
 from surveilnav.services.robot_node.publishing import ObservationPublisher
 from tests.waiting import until
 
 HERE = Pose.from_matrix(np.eye(4))
 
 
-def observation(seq: int) -> EncodedObservation:
+def observation(seq: int) -> tuple[Observation, bytes]:
     message = Observation(
         stamp_ns=seq,
         source="robot/r1",
@@ -33,7 +32,7 @@ def observation(seq: int) -> EncodedObservation:
         depth=PayloadPart("depth-invq-zstd", 2),
         T_world_base=HERE,
     )
-    return EncodedObservation(message, b"rgbdd", None)
+    return message, b"rgbdd"
 
 
 @pytest.fixture
@@ -45,7 +44,7 @@ def test_each_observation_is_published_once(robot, make_node):
     heard = []
     make_node("test", "t", alive=False).subscribe(ROBOT_OBSERVATION, heard.append, robot="r1")
     until(lambda: robot._observations.matched)
-    robot.publish(observation(7))
+    robot.publish(*observation(7))
     until(lambda: heard)
     time.sleep(1.5)
     assert [frame.message.seq for frame in heard] == [7]
@@ -55,8 +54,8 @@ def test_who_asks_gets_the_newest_one(robot, make_node):
     client = make_node("test", "t", alive=False)
     with pytest.raises(Refused, match="no such observation"):
         client.ask(ROBOT_OBSERVATION, robot="r1")
-    robot.publish(observation(7))
-    robot.publish(observation(8))
+    robot.publish(*observation(7))
+    robot.publish(*observation(8))
     answer = client.ask(ROBOT_OBSERVATION, robot="r1")
     assert (answer.message.seq, answer.payload) == (8, b"rgbdd")
     assert client.ask(ROBOT_OBSERVATION, robot="r1", parameters={"seq": "8"}).message.seq == 8

@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from surveilnav.bus import Answer, Refused, clock_ns
+from surveilnav.bus import Answer, Refused, Unanswered, clock_ns
 from surveilnav.contract import (
     JUDGED,
     MISSION_STATUS,
@@ -40,6 +40,7 @@ from surveilnav.services.robot_node.config import RobotSettings
 from surveilnav.services.robot_node.core import HaltState
 from surveilnav.services.robot_node.halt_switch import HaltSwitch
 from surveilnav.services.robot_node.service import RobotService
+from surveilnav.services.robot_node.simulated import serve_truth
 from tests.waiting import patient, until, until_heard
 
 STAIR = Stair(floor="0", to_floor="1", at_m=(0.0, 0.0, 0.0), to_m=(1.0, 1.0, 2.7), length_m=3.0)
@@ -51,8 +52,8 @@ class Body(ActionBody):
     stairs = (STAIR,)
     notes = ("robots reach 3 of 4 m²",)
 
-    def __init__(self, real=False):
-        self.state, self.real = RobotState(0.0, 0.0, 0.0, "0", 0.5), real
+    def __init__(self):
+        self.state = RobotState(0.0, 0.0, 0.0, "0", 0.5)
         self.halts = 0
 
     def refusal(self, action, to_floor=None):
@@ -79,9 +80,8 @@ class Body(ActionBody):
 
     def observe(self):
         T, s = self.state.camera_pose(0.7), self.state
-        truth = None if self.real else TrueInstances(np.full((8, 8), 5, np.uint16), {5: "bed"}, T)
         rgb, depth_m = np.full((8, 8, 3), 40 + s.seq, np.uint8), np.full((8, 8), 2.0, np.float32)
-        return Observation(s, T, Pinhole.from_hfov(8, 8, 1.0), 0.7, (0.5, 5.0), rgb, depth_m, truth)
+        return Observation(s, T, Pinhole.from_hfov(8, 8, 1.0), 0.7, (0.5, 5.0), rgb, depth_m)
 
 
 @pytest.fixture
@@ -226,23 +226,32 @@ def test_the_newest_observation_is_there_for_who_missed_it(robot, client):
     assert missed.payload
 
 
-@pytest.mark.parametrize("real", [False, True])
-def test_only_a_simulator_tells_what_each_pixel_shows(robot, client, real):
-    service = robot(Body(real))
-    truths, slot = client.latest(TRUTH, source="robot-r1", view=0), client.latest(ROBOT_OBSERVATION, robot="r1")
-    sent = service._observations
-    until(lambda: sent._truths.matched and sent._observations.matched)
-    service.step()
-    seen = until(slot.poll)
-    if real:
-        time.sleep(0.2)
-        assert truths.poll() is None
-        return
-    told = until(truths.poll)
-    assert (told.message.source, told.message.seq) == (seen.message.source, seen.message.seq)
+class Simulated(Body):
+    """A body that knows what the observation with the number 3 shows."""
+
+    def truth(self, seq):
+        return TrueInstances(np.full((8, 8), 5, np.uint16), {5: "bed"}) if seq == 3 else None
+
+
+def test_a_simulator_tells_who_asks_what_each_pixel_shows(make_node, client):
+    serve_truth(make_node("robot", "r1"), "r1", Simulated())
+    told = until_heard(lambda: client.ask(TRUTH, source="robot-r1", view=0, parameters={"seq": "3"}))
+    assert (told.message.source, told.message.view, told.message.seq) == ("robot/r1", 0, 3)
     truth = truth_from_wire(told.message, told.payload)
     assert (truth.ids == 5).all()
     assert truth.labels == {5: "bed"}
+    for seq in ("4", "", "-3"):
+        with pytest.raises(Refused, match="one of the robot's newest views") as refused:
+            client.ask(TRUTH, source="robot-r1", view=0, parameters={"seq": seq})
+        assert refused.value.name == "no_truth"
+
+
+def test_a_robot_tells_no_truth_unless_a_simulator_has_it_do_so(robot, client, make_node):
+    service = robot(Simulated())
+    service.step()
+    assert client.ask(ROBOT_OBSERVATION, robot="r1").payload
+    with pytest.raises(Unanswered, match="nobody is there"):
+        make_node("test", "u", alive=False).ask(TRUTH, source="robot-r1", view=0, parameters={"seq": "0"})
 
 
 def test_a_status_of_an_older_sender_still_decodes(robot, client):

@@ -18,11 +18,12 @@ from surveilnav.bus.connection import CONGESTION, PRIORITY, encoding_of
 from surveilnav.bus.router import free_port
 from surveilnav.bus.settings import MAX_MESSAGE_BYTES, router_config
 from surveilnav.bus.wire import encode
-from surveilnav.contract import MAP_LAYER, ROBOT_STATUS, STREAMS, TRUTH
+from surveilnav.contract import MAP_LAYER, ROBOT_STATUS, STREAMS
 from surveilnav.errors import BusError
 from surveilnav.geometry import Grid
 from surveilnav.messages import LayerHeader, Truth
 from surveilnav.services.fusion.core import FusionConfig
+from tests.bulk_stream import BULK
 from tests.waiting import until, until_heard
 
 #: Takes frames through small buffers, says so, and waits to be stopped.
@@ -83,9 +84,9 @@ def reader(alone: BusSettings) -> Iterator[Callable[..., subprocess.Popen[str]]]
 
 def test_a_frozen_reader_silences_nobody(alone, reader, truth, status):
     with Node("a", "a", alone, alive=False) as sender, Node("b", "b", alone, alive=False) as healthy:
-        frames, states = sender.publisher(TRUTH, source="robot-r1", view=0), sender.publisher(ROBOT_STATUS, robot="r1")
+        frames, states = sender.publisher(BULK, source="robot-r1", view=0), sender.publisher(ROBOT_STATUS, robot="r1")
         came, told = [], []
-        healthy.subscribe(TRUTH, lambda received: came.append(received.message.seq), source="robot-r1", view=0)
+        healthy.subscribe(BULK, lambda received: came.append(received.message.seq), source="robot-r1", view=0)
         healthy.subscribe(ROBOT_STATUS, lambda received: told.append(received.message.seq), robot="r1")
         until(lambda: frames.matched and states.matched)
         frozen = reader(frames.key)
@@ -125,7 +126,7 @@ def test_what_the_router_would_drop_is_refused_by_its_sender(make_node, truth, m
     monkeypatch.setattr(connection, "MAX_MESSAGE_BYTES", 1000)
     sender, asker = make_node("a", "a"), make_node("b", "b")
     with pytest.raises(BusError, match=r"up to 0\.00\d+ MiB, got .* for surveilnav/1/test/truth/robot-r1/0"):
-        sender.publisher(TRUTH, source="robot-r1", view=0).put(truth(0), bytes(1000))
+        sender.publisher(BULK, source="robot-r1", view=0).put(truth(0), bytes(1000))
     sender.serve(MAP_LAYER, lambda _: Answer(layer(), bytes(1000)), floor="0", layer="cloud")
     with pytest.raises(Refused, match="a message may have up to"):
         until_heard(lambda: asker.ask(MAP_LAYER, floor="0", layer="cloud", timeout_s=5.0))
@@ -138,8 +139,8 @@ def layer() -> LayerHeader:
 
 def test_the_largest_message_passes_the_router_and_a_larger_one_of_a_stranger_does_not(make_node, truth, stranger):
     sender, receiver = make_node("a", "a"), make_node("b", "b")
-    publisher, came = sender.publisher(TRUTH, source="robot-r1", view=0), []
-    receiver.subscribe(TRUTH, lambda got: came.append((got.message.seq, len(got.payload))), source="robot-r1", view=0)
+    publisher, came = sender.publisher(BULK, source="robot-r1", view=0), []
+    receiver.subscribe(BULK, lambda got: came.append((got.message.seq, len(got.payload))), source="robot-r1", view=0)
     until(lambda: publisher.matched)
     most = MAX_MESSAGE_BYTES - len(encode(truth(0)))
     publisher.put(truth(0), bytes(most))

@@ -15,8 +15,9 @@ from surveilnav.bus import Answer, bound_request_id, is_request_id, keep_request
 from surveilnav.bus.connection import encoding_of
 from surveilnav.bus.correlation import attach_request_id, attached_request_id, has_no_message
 from surveilnav.bus.wire import decode, encode
-from surveilnav.contract import MISSION_GOAL, ROBOT_STATUS, TRUTH
+from surveilnav.contract import MISSION_GOAL, ROBOT_STATUS
 from surveilnav.messages import MissionAck, MissionGoal, RobotStatus, Truth
+from tests.bulk_stream import BULK
 from tests.waiting import until, until_heard
 
 GOAL = MissionGoal(stamp_ns=1, mission="m", target="tv")
@@ -91,7 +92,7 @@ def test_a_query_to_everybody_still_asks_nobody_who_needs_a_message(make_node, s
     assert not robot.traffic.rejected()
 
 
-@pytest.mark.parametrize("stream", [ROBOT_STATUS, TRUTH], ids=["message alone", "message beside a payload"])
+@pytest.mark.parametrize("stream", [ROBOT_STATUS, BULK], ids=["message alone", "message beside a payload"])
 def test_what_is_published_belongs_to_the_request(make_node, status, truth, stream):
     robot, reader, heard, latest = make_node("robot", "r1"), make_node("cli", "c"), [], []
     ids = {"robot": "r1"} if stream is ROBOT_STATUS else {"source": "robot-r1", "view": 0}
@@ -110,14 +111,14 @@ def test_what_is_published_belongs_to_the_request(make_node, status, truth, stre
     assert heard == [("", "", 1), ("r-1", "r-1", 2)]
     until(lambda: latest.append(newest.poll()) or (latest[-1] and latest[-1].message.seq == 2))
     assert latest[-1].request_id == "r-1"
-    assert latest[-1].payload == (b"payload" if stream is TRUTH else b"")
+    assert latest[-1].payload == (b"payload" if stream is BULK else b"")
 
 
 def test_a_strangers_id_that_is_none_is_passed_over(make_node, status, truth, stranger):
     reader, heard = make_node("cli", "c"), []
-    for stream in (ROBOT_STATUS, TRUTH):
+    for stream in (ROBOT_STATUS, BULK):
         reader.subscribe(stream, heard.append)
-    statuses, truths = reader.key(ROBOT_STATUS, robot="r1"), reader.key(TRUTH, source="robot-r1", view=0)
+    statuses, truths = reader.key(ROBOT_STATUS, robot="r1"), reader.key(BULK, source="robot-r1", view=0)
 
     def put():
         hostile = msgspec.msgpack.encode({"request_id": "x\n[error] forged"})

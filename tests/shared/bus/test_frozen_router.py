@@ -10,9 +10,10 @@ from contextlib import ExitStack
 
 from surveilnav.bus import Answer, BusSettings, Node, clock_ns
 from surveilnav.bus.router import free_port
-from surveilnav.contract import CAMERA_SUMMARY, ROBOT_STATUS, TRUTH
+from surveilnav.contract import CAMERA_SUMMARY, ROBOT_STATUS
 from surveilnav.geometry import Pose
 from surveilnav.messages import CameraSummary, RobotStatus, Truth
+from tests.bulk_stream import BULK
 from tests.waiting import until, until_heard
 
 N_NODES, FROZEN_S = 24, 6.0
@@ -30,7 +31,7 @@ class Source:
         self.name, self.node = name, node
         self.summaries = node.publisher(CAMERA_SUMMARY, floor="0", camera=name)
         self.statuses = node.publisher(ROBOT_STATUS, robot=name)
-        self.truths = [node.publisher(TRUTH, source=name, view=view) for view in range(3)]
+        self.truths = [node.publisher(BULK, source=name, view=view) for view in range(3)]
         node.serve(ROBOT_STATUS, lambda _: Answer(status(name)), robot=name)
 
     def publish(self) -> None:
@@ -63,7 +64,7 @@ def test_messages_come_under_their_own_keys_afterwards():
                 wrong.append(f"{received.key}: {said}")
             came[received.key] = came.get(received.key, 0) + 1
 
-        for stream in (CAMERA_SUMMARY, ROBOT_STATUS, TRUTH):
+        for stream in (CAMERA_SUMMARY, ROBOT_STATUS, BULK):
             reader.subscribe(stream, take)
 
         def all_came() -> bool:

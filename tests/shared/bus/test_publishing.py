@@ -8,16 +8,17 @@ import pytest
 import zenoh
 
 from surveilnav.bus import Answer, Node
-from surveilnav.contract import ROBOT_OBSERVATION, ROBOT_STATUS, TRAFFIC, TRUTH
+from surveilnav.contract import ROBOT_OBSERVATION, ROBOT_STATUS, TRAFFIC
 from surveilnav.errors import BusError
+from tests.bulk_stream import BULK
 from tests.waiting import until
 
 
 def test_a_slot_keeps_only_the_newest(make_node, truth):
     sender, receiver = make_node("a", "a"), make_node("b", "b")
-    publisher = sender.publisher(TRUTH, source="robot-r1", view=0)
+    publisher = sender.publisher(BULK, source="robot-r1", view=0)
     assert not publisher.matched
-    slot = receiver.latest(TRUTH, source="robot-r1", view=0)
+    slot = receiver.latest(BULK, source="robot-r1", view=0)
     until(lambda: publisher.matched)
     offered = sum(publisher.put(truth(seq), b"x" * 100_000) for seq in range(20))
     time.sleep(0.3)
@@ -94,8 +95,8 @@ def test_hostile_puts_are_counted_and_dropped(make_node, status, stranger):
 
 def test_bytes_offered_delivered_and_on_the_wire_agree(make_node, truth):
     sender, receiver = make_node("a", "a"), make_node("b", "b")
-    publisher = sender.publisher(TRUTH, source="robot-r1", view=0)
-    slot = receiver.latest(TRUTH, source="robot-r1", view=0)
+    publisher = sender.publisher(BULK, source="robot-r1", view=0)
+    slot = receiver.latest(BULK, source="robot-r1", view=0)
     until(lambda: publisher.matched)
     before = sender.traffic_report().wire_sent_bytes
     for seq in range(10):
@@ -110,9 +111,9 @@ def test_bytes_offered_delivered_and_on_the_wire_agree(make_node, truth):
 
 def test_a_subscription_misses_nothing_and_ends(make_node, truth):
     sender, receiver = make_node("a", "a"), make_node("b", "b")
-    publisher = sender.publisher(TRUTH, source="robot-r1", view=0)
+    publisher = sender.publisher(BULK, source="robot-r1", view=0)
     seen = []
-    subscription = receiver.subscribe(TRUTH, lambda received: seen.append(received))
+    subscription = receiver.subscribe(BULK, lambda received: seen.append(received))
     until(lambda: publisher.matched)
     for seq in range(20):
         publisher.put(truth(seq), b"x" * seq)
@@ -124,6 +125,6 @@ def test_a_subscription_misses_nothing_and_ends(make_node, truth):
 
 def test_what_cannot_be_sent_any_more_is_our_own_error(bus, truth):
     with Node("a", "a", bus) as node:
-        publisher = node.publisher(TRUTH, source="robot-r1", view=0)
+        publisher = node.publisher(BULK, source="robot-r1", view=0)
     with pytest.raises(BusError, match="truth/robot-r1/0"):
         publisher.put(truth(1), b"x")

@@ -283,7 +283,9 @@ def test_the_truth_channel_isnt_there_outside_simulation(bus, attacker, name):
     time.sleep(SOON_S)
     assert not publisher.matching_status.matching
     publisher.put(b"labels")
+    attacker(name).declare_queryable(key, lambda query: told.append(str(query.key_expr)))
     time.sleep(SOON_S)
+    assert not list(attacker("perception").get(key, timeout=1.0))
     assert not told
 
 

@@ -73,12 +73,22 @@ def test_it_moves_by_the_rules_and_sees_where_it_stands():
         CAMERA_HEIGHT_M,
         DEPTH_RANGE_M,
     )
-    assert (observation.truth.ids == 5).all()
-    assert observation.truth.labels == {5: "bed"}
-    assert (observation.truth.T_world_camera == observation.T_world_camera).all()
+    truth = body.truth(1)
+    assert (truth.ids == 5).all()
+    assert truth.labels == {5: "bed"}
+    assert (truth.T_world_camera == observation.T_world_camera).all()
     body.begin_mission("m1")
     assert (body.state.seq, body.state.path_m, body.state.last_action) == (1, 0.0, None)
     assert body.state.mission == "m1"
+
+
+def test_it_knows_what_its_newest_views_show():
+    body = SimulatedBody(Building(), RobotState(1.0, 1.0, 0.2, "0", 0.0))
+    for _ in range(6):
+        body.act("turn_left")
+        body.observe()
+        body.observe()
+    assert [seq for seq in range(10) if body.truth(seq) is not None] == [3, 4, 5, 6]
 
 
 def test_it_begins_where_it_is_told_or_anywhere_by_the_seed():
