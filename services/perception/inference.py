@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from concurrent.futures import Future, ThreadPoolExecutor
+from functools import partial
 from typing import Any
 
 from surveilnav.bus import Answer, Node, Refused, clock_ns
@@ -63,7 +64,7 @@ class InferenceHandler:
             raise Refused(error.name, str(error)) from error
         pending = PendingRequest(request, payload, embedding_only=not request.detects and self._backend.needs_prompts)
         if self._backend.needs_truth:  # so its replies depend on more than the picture
-            pending.load_truth = lambda: ask_for_truth(self._node, self._backend.name, *pending.view_key)
+            pending.load_truth = partial(ask_for_truth, self._node, self._backend.name, *pending.view_key)
         else:
             pending.cache_key = self._cache.key_for(request, payload)
             cached = self._cache.get(pending.cache_key)

@@ -217,7 +217,7 @@ class PerceptionClient:
                 break
             except (Refused, WireError) as error:
                 pause_s = _pause_s(error, pause_s)
-                attempts += not _is_transient(error)
+                attempts += not _is_transient(error, lane is self._robots)
                 if attempts == _MAX_ATTEMPTS:
                     why = f"the maps take it without detections, because perception can't tell: {error}"
                     self._node.reject("view.not_perceived", f"{header.source} view {header.view}: {why}")
@@ -284,9 +284,13 @@ def _frame_id(header: FrameHeader) -> FrameId:
     return header.source, header.view, header.seq, header.stamp_ns
 
 
-def _is_transient(error: Exception) -> bool:
-    """Whether a request was refused for a reason that passes, so that sending it again helps."""
-    return isinstance(error, Refused) and error.name in _TRANSIENT
+def _is_transient(error: Exception, is_robot: bool) -> bool:
+    """Whether a request was refused for a reason that passes, so that sending it again helps.
+
+    A camera of which a simulator doesn't tell the truth (``no_truth``) is gone or real, and must not hold up the others. A robot
+    is worth waiting for: it may be starting again.
+    """
+    return isinstance(error, Refused) and error.name in _TRANSIENT and (is_robot or error.name != "no_truth")
 
 
 def _pause_s(error: Exception, otherwise_s: float) -> float:

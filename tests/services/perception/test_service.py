@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import gc
 import math
 import subprocess
 import sys
 import threading
+import weakref
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
+from contextlib import nullcontext
+from types import SimpleNamespace
 
 import msgspec
 import numpy as np
@@ -23,6 +26,8 @@ from surveilnav.sensing.packing import encode_rgbd, pack_array, unpack_embedding
 from surveilnav.sensing.replies import perception_from_wire
 from surveilnav.sensing.views import ViewPerception
 from surveilnav.services.perception.config import PerceptionSettings
+from surveilnav.services.perception.embedding import EmbeddingStage
+from surveilnav.services.perception.inference import InferenceHandler
 from surveilnav.services.perception.service import PerceptionService
 from surveilnav.simulator.truth.backends import Oracle, Simulated
 from tests.waiting import until
@@ -75,8 +80,8 @@ def request(seq: int = 1, shade: int = 0, **changes: object) -> tuple[InferReque
     return msgspec.structs.replace(asked, **changes), payload
 
 
-def tell_truth(node: Node, seq: int) -> None:
-    """Has a node tell what one view of robot r shows, as simulator nodes do."""
+def tell_truth(node: Node, seq: int, told_seq: int | None = None) -> None:
+    """Has a node tell what one view of robot r shows, as simulator nodes do; of ``told_seq``, if that is given."""
     ids = np.zeros((48, 64), np.uint16)
     ids[10:30, 20:50] = 5
 
@@ -84,7 +89,13 @@ def tell_truth(node: Node, seq: int) -> None:
         if asked.parameters != {"seq": str(seq)}:
             raise Refused("no_truth", "another view")
         message = Truth(
-            stamp_ns=clock_ns(), source="robot/r", view=0, seq=seq, width_px=64, height_px=48, labels={5: "bed"}
+            stamp_ns=clock_ns(),
+            source="robot/r",
+            view=0,
+            seq=seq if told_seq is None else told_seq,
+            width_px=64,
+            height_px=48,
+            labels={5: "bed"},
         )
         return Answer(message, pack_array(ids))
 
@@ -104,6 +115,37 @@ def test_oracle_asks_for_the_instance_ids_of_just_that_view(bus: BusSettings, cl
     assert (reply.worker, reply.backend, reply.source, reply.seq) == ("w1", "oracle", "robot/r", 7)
     seen = perception_from_wire(reply, CAMERA)
     assert [(d.label, d.box_px) for d in seen.detections] == [("bed", (20.0, 10.0, 50.0, 30.0))]
+
+
+def test_instance_ids_of_another_view_are_no_answer(bus: BusSettings, client: Node) -> None:
+    tell_truth(client, 7, told_seq=8)
+    with Node("perception", "w4", bus) as node:
+        serving(node, Oracle(), PerceptionSettings(worker="w4"))
+        asked, payload = request(seq=7)
+        with pytest.raises(Refused, match=r"expected the instance ids of robot/r view 0 seq 7, got .* seq 8") as error:
+            client.ask(PERCEPTION_INFER, asked, payload=payload, worker="w4", timeout_s=10)
+        assert error.value.name == "bad_message"
+        for source in ("robot/r 1", "*"):
+            asked, payload = request(seq=7, source=source)
+            with pytest.raises(Refused) as error:
+                client.ask(PERCEPTION_INFER, asked, payload=payload, worker="w4", timeout_s=10)
+            assert error.value.name in ("no_truth", "bad_message")
+
+
+def test_an_answered_request_is_freed_at_once() -> None:
+    """A reference cycle would keep its pictures until the garbage collector comes."""
+    node = SimpleNamespace(handover=None, stopping=threading.Event())
+    handler = InferenceHandler(node, Oracle(), EmbeddingStage(Oracle()), PerceptionSettings(worker="w1"))  # type: ignore[arg-type]
+    handler.pipeline.start = lambda job: None  # type: ignore[method-assign]
+    gc.disable()
+    try:
+        answer = handler.infer(*request(), clock_ns())
+        freed = weakref.ref(answer)
+        del answer
+        assert freed() is None
+    finally:
+        gc.enable()
+        node.stopping.set()
 
 
 def test_where_nobody_tells_instance_ids_the_request_is_refused_by_name(bus: BusSettings, client: Node) -> None:
@@ -129,7 +171,7 @@ def test_a_real_backend_never_asks_for_truth(bus: BusSettings, client: Node) -> 
             if isinstance(backend, Patient):
                 backend.let.set()
             serving(node, backend, PerceptionSettings(worker="w3"))
-            with suppress(Refused):
+            with nullcontext() if n_questions == 0 else pytest.raises(Refused, match="this is a test"):
                 client.ask(PERCEPTION_INFER, asked, payload=payload, worker="w3", timeout_s=10)
         assert len(questions) == n_questions
 
