@@ -175,20 +175,28 @@ def _sockets() -> Iterator[int]:
 
 
 def _counts_of(descriptor: int, port: int) -> WireBytes | None:
-    """The counts on a socket that is connected to a remote port; None: it isn't, or not any more."""
+    """The counts on a socket that is connected to a remote port; None: it isn't, or not any more.
+
+    The descriptor is another thread's, which may close it meanwhile, and open a file under the same number. So it is neither
+    copied nor closed here: a copy would keep the file open, and closing one would release the process's locks on it.
+    """
     import fcntl  # only where there is /proc
     import termios
 
+    sock = None
     try:
-        with socket.socket(fileno=os.dup(descriptor)) as sock:
-            if sock.type != socket.SOCK_STREAM or sock.family not in (socket.AF_INET, socket.AF_INET6):
-                return None
-            if sock.getpeername()[1] != port:
-                return None
-            info = sock.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, 256)
-            queued = fcntl.ioctl(sock.fileno(), termios.TIOCOUTQ, b"\0" * 4)
+        sock = socket.socket(fileno=descriptor)
+        if sock.type != socket.SOCK_STREAM or sock.family not in (socket.AF_INET, socket.AF_INET6):
+            return None
+        if sock.getpeername()[1] != port:
+            return None
+        info = sock.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, 256)
+        queued = fcntl.ioctl(descriptor, termios.TIOCOUTQ, b"\0" * 4)
     except OSError:
         return None
+    finally:
+        if sock is not None:
+            sock.detach()
     if len(info) < _TCP_INFO_LENGTH:
         return None
     sent, received, acknowledged = (struct.unpack_from("<Q", info, at)[0] for at in _TCP_INFO_BYTES)

@@ -9,6 +9,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from surveilnav.bus import traffic
 from surveilnav.bus.traffic import ReportedRows, WireCounter
 from surveilnav.bus.wire import decode, encode
 from surveilnav.contract import schema_of
@@ -83,3 +84,24 @@ def test_the_kernels_counts_are_those_of_connections_to_one_port():
                 until(lambda: counter.read().acknowledged > stuck.acknowledged + 100)  # its handshake counts as a byte
             assert reader.recv(10)
         assert counter.read() is None
+
+
+def locks_on(path):
+    """The kinds of the locks on a file."""
+    lines = Path("/proc/locks").read_text().splitlines()
+    return {line.split()[1] for line in lines if f":{path.stat().st_ino} " in line}
+
+
+@pytest.mark.skipif(not Path("/proc/locks").exists(), reason="locks are listed in /proc/locks, which only Linux has")
+def test_a_file_that_took_over_the_number_of_a_socket_is_left_alone(tmp_path, monkeypatch):
+    fcntl = pytest.importorskip("fcntl")
+    path = tmp_path / "recording"
+    with path.open("w") as file:
+        monkeypatch.setattr(traffic, "_sockets", lambda: [file.fileno()])
+        fcntl.flock(file, fcntl.LOCK_EX)
+        fcntl.lockf(file, fcntl.LOCK_EX)
+        assert locks_on(path) == {"FLOCK", "POSIX"}
+        assert WireCounter(1).read() is None
+        assert locks_on(path) == {"FLOCK", "POSIX"}, "closing a copy would release the process's own lock"
+    with path.open("r") as file:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)  # a copy that is still open would hold the lock
