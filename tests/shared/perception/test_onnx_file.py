@@ -49,9 +49,16 @@ def test_without_a_gpu_of_its_own_onnx_runtime_runs_on_the_processor(
     assert opened["providers"] == [CPU]
 
 
-def test_onnx_runtime_does_not_report_its_use(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "program",
+    [
+        "import surveilnav.perception.detectors.onnx_file",
+        "from surveilnav.services.planner.core.places.model import Places; Places()",
+    ],
+    ids=["detectors", "places"],
+)
+def test_onnx_runtime_does_not_report_its_use(tmp_path: Path, program: str) -> None:
     environment = {name: value for name, value in os.environ.items() if name not in ("CI", "ORT_DISABLE_TELEMETRY")}
-    program = "import surveilnav.perception.detectors.onnx_file"
     subprocess.run(
         [sys.executable, "-c", program], check=True, env=environment | {"HOME": str(tmp_path), "TMPDIR": str(tmp_path)}
     )

@@ -8,8 +8,3 @@ onnx_file   sessions of ONNX Runtime
 Open vocabulary, under PyTorch (``make test-torch``): ``grounding_dino`` (with ``spans``, the words in its text),
 ``omdet_turbo``, ``owlv2``. ``queries`` holds what these share, ``word_length`` finds words that are too long for them.
 """
-
-import os
-
-# ONNX Runtime since 1.29 reports its use to its maker unless this is set before it is imported. Only detectors here do so.
-os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
