@@ -28,7 +28,7 @@ export function TrafficPanel() {
     <div class="row head"><h2 id="traffic-title">Traffic</h2><span class="soft small">${shown === "total" ? "everything" : shown}</span><span class="grow"></span>
       <div class="key">${NUMBERS.map(n => html`<span><i class="dash ${CLASSES[n]}" aria-hidden="true"></i>${NAMES[n]} <b>${perSecond(recent(shown, n))}</b></span>`)}</div></div>
     <${Chart} series=${seriesOf(shown)} label="Bytes a second of ${shown} in the last five minutes" unit=${top => top ? perSecond(top) : ""} />
-    ${total?.links && html`<p class="soft small links">offered by link: ${LINKS.map(([n, name], i) => html`${i ? ", " : ""}${name} <b>${bytes(total.links[n])}</b>`)}</p>`}
+    ${total?.links && html`<p class="soft small links">offered on links: ${LINKS.map(([n, name], i) => html`${i ? ", " : ""}${name} <b>${bytes(total.links[n])}</b>`)}</p>`}
     ${total ? html`<div class="scroll"><table class="traffic"><thead><tr><th scope="col">source</th><th scope="col" class="spark">last 5 min</th>${NUMBERS.map(n => html`<th scope="col" class="n">${NAMES[n]}</th>`)}<th scope="col" class="n">for viewers</th></tr></thead>
       <tbody><${Row} id="total" sums=${total} chosen=${shown} choose=${setSource} />${rows.slice(0, FIRST).map(([id, sums]) => html`<${Row} key=${id} id=${id} sums=${sums} chosen=${shown} choose=${setSource} />`)}</tbody></table></div>`
       : html`<p class="empty">No node has told what it sent yet.</p>`}
