@@ -190,11 +190,19 @@ def test_the_map_is_moved_by_keys(open_page):
 
 def test_layers_are_switched(open_page):
     page = open_page()
-    until(lambda: pixels(page) > 10_000, timeout_s=60)
-    drawn = pixels(page)
+    drawn = 0
+
+    def is_whole():
+        """Layers come one by one; what is drawn by the first alone says nothing about all."""
+        nonlocal drawn
+        before, drawn = drawn, pixels(page)
+        page.wait_for_timeout(500)
+        return drawn > 10_000 and drawn == before
+
+    until(is_whole, timeout_s=60)
     for name in ("explored", "obstacles", "frontiers", "value", "camera views"):
         page.get_by_role("button", name=name, exact=True).click()
-    until(lambda: pixels(page) < drawn / 2)
+    until(lambda: pixels(page) < drawn / 2, lambda: (drawn, pixels(page)), 30)
 
 
 BUILDING = """building: test
