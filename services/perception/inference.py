@@ -70,8 +70,7 @@ class InferenceHandler:
             cached = self._cache.get(pending.cache_key)
             if cached is not None:
                 return self._reply_from_cache(request, cached)
-        if self.pipeline.admit(job := pending.job(received_ns)):
-            self.pipeline.start(job)
+        self.pipeline.submit(pending.job(received_ns))
         return pending.answer
 
     def _picture(self, request: InferRequest, payload: bytes) -> bytes:

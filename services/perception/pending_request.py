@@ -33,7 +33,7 @@ class PendingRequest:
         task: the decoded view and the results of the backend's stages.
         prompt_embeddings: by prompt, its embedding (D,).
         reply: what ``answer`` will be completed with.
-        processing_ms: time that stages have worked on it, without waiting.
+        processing_ms: time that stages have worked on it, without waiting for a stage.
     """
 
     request: InferRequest

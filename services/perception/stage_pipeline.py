@@ -29,7 +29,7 @@ class StagePipeline:
     """Moves requests through ``stages`` in order; the last stage sets their reply.
 
     Attributes:
-        latency_ms: moving average of the time that stages work on one view, without waiting.
+        latency_ms: moving average of the time that stages work on one view, without waiting for a stage.
     """
 
     def __init__(self, stages: Sequence[PipelineStage], capacity: int, stopping: threading.Event) -> None:
@@ -55,18 +55,15 @@ class StagePipeline:
         with self._changed:
             return {name: list(histogram.counts) for name, histogram in self._durations.items()}
 
-    def admit(self, job: Job[PendingRequest]) -> bool:
-        """Admits a request; False if it was refused."""
+    def submit(self, job: Job[PendingRequest]) -> None:
+        """Puts a request into the queue of the first stage, or refuses it, or others in favour of it."""
         with self._changed:
-            refused = self._queues.admit(job, clock_ns())
+            now_ns = clock_ns()
+            refused = self._queues.admit(job, now_ns)
+            if all(r.job is not job for r in refused):
+                self._queues.enqueue(job, self._names[0], now_ns)
+                self._changed.notify_all()
         _answer_refused(refused)
-        return all(r.job is not job for r in refused)
-
-    def start(self, job: Job[PendingRequest]) -> None:
-        """Puts an admitted request into the queue of the first stage."""
-        with self._changed:
-            self._queues.enqueue(job, self._names[0], clock_ns())
-            self._changed.notify_all()
 
     def refuse(self, job: Job[PendingRequest], error: Exception) -> None:
         """Refuses an admitted request that is in no queue."""

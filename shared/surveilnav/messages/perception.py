@@ -76,7 +76,7 @@ class InferReply(Message, frozen=True, kw_only=True):
 
     Attributes:
         image_embedding: unit vector as float16 bytes.
-        latency_ms: time that the worker processed the view, without waiting.
+        latency_ms: time that the worker processed the view, without waiting for a stage.
         relevance: by prompt, the cosine of the view's and the prompt's embeddings, -1 to 1. Prompts that can't be embedded
             are missing.
         words: what the detector looked for: the prompts, or all classes of its vocabulary.
@@ -119,7 +119,7 @@ class WorkerLoad(Message, frozen=True, kw_only=True):
     Attributes:
         why: why it runs this backend, for people.
         queued: requests that wait or are processed, of at most ``capacity``.
-        latency_ms: mean time to process a view, without waiting.
+        latency_ms: mean time to process a view, without waiting for a stage.
         ready: whether it has passed its probe; before that it refuses all requests.
         times: by stage ("queue", "decode", the backend's, "answer"), how many views took how long since it started, in the
             buckets of ``surveilnav.histogram``. A load is published without them if nothing was processed since the one before.

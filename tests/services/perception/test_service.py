@@ -136,7 +136,7 @@ def test_an_answered_request_is_freed_at_once() -> None:
     """A reference cycle would keep its pictures until the garbage collector comes."""
     node = SimpleNamespace(handover=None, stopping=threading.Event())
     handler = InferenceHandler(node, Oracle(), EmbeddingStage(Oracle()), PerceptionSettings(worker="w1"))  # type: ignore[arg-type]
-    handler.pipeline.start = lambda job: None  # type: ignore[method-assign]
+    handler.pipeline.submit = lambda job: None  # type: ignore[method-assign]
     gc.disable()
     try:
         answer = handler.infer(*request(), clock_ns())
