@@ -20,6 +20,24 @@ def until(condition: Callable[[], T], why: str | Callable[[], object] = "it neve
     return found
 
 
+def repeat_until(
+    act: Callable[[], object],
+    condition: Callable[[], T],
+    why: str | Callable[[], object] = "it never came",
+    timeout_s: float = 10.0,
+) -> T:
+    """``until(condition)``, with ``act()`` before each look, whatever it returns.
+
+    For example a put: what is put before the router has heard of a reader is lost.
+    """
+
+    def act_and_look() -> T:
+        act()
+        return condition()
+
+    return until(act_and_look, why, timeout_s)
+
+
 def heard(ask: Callable[[], T]) -> T | None:
     """The answer; None where nobody is there yet: who declares an answer isn't known to the router at once."""
     try:

@@ -20,7 +20,7 @@ from surveilnav.services.camera_node.core.budget import TokenBucket
 from surveilnav.services.camera_node.core.link import Link
 from surveilnav.services.camera_node.own_perception import OwnPerception
 from surveilnav.services.camera_node.service import CameraService
-from tests.waiting import patient, until
+from tests.waiting import patient, repeat_until, until
 
 PLACE = {"floor": "0", "camera": "c1"}
 UNIT = np.eye(8, dtype=np.float32)
@@ -223,7 +223,7 @@ def test_who_is_paused_sends_nothing_more_of_what_was_due(start, client):
     time.sleep(0.3)
     assert [f.view for f in frames] == [0]
     service.paused = False
-    until(lambda: service.step() or len(frames) == 6)
+    repeat_until(service.step, lambda: len(frames) == 6)
 
 
 def test_what_the_budget_makes_wait_comes_in_the_order_that_is_wanted(start, client):
@@ -232,7 +232,7 @@ def test_what_the_budget_makes_wait_comes_in_the_order_that_is_wanted(start, cli
     service, _ = start(Looking(), views=range(4), tier="features", budget_kb_s=0.001)
     client.ask(CAMERA_REQUEST, CameraRequest(stamp_ns=1, action="order", views=[2, 0]), **PLACE)
     for n in range(1, 5):
-        until(lambda n=n: service.step() or len(frames) == n)
+        until(service.step)
         until(lambda n=n: len(frames) == n)
         service._sender._bucket = service._sender._bucket.without(-10_000)  # the debt is paid
     assert [f.view for f in frames] == [2, 0, 1, 3]

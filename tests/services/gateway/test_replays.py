@@ -12,7 +12,7 @@ from surveilnav import contract
 from surveilnav import messages as m
 from surveilnav.bus import Answer, Node, Request, clock_ns
 from surveilnav.client import Client
-from tests.waiting import until
+from tests.waiting import repeat_until, until
 
 
 class FakePlayer:
@@ -50,7 +50,7 @@ class FakePlayer:
 def player(building, client: httpx.Client) -> Iterator[FakePlayer]:
     with Node("replay", "replay", building.settings) as node:
         player = FakePlayer(node)
-        until(lambda: player.put() or client.get("/api/v1/replay").status_code == 200)
+        repeat_until(player.put, lambda: client.get("/api/v1/replay").status_code == 200)
         yield player
     until(lambda: client.get("/api/v1/replay").status_code == 404)
 

@@ -25,7 +25,7 @@ from tests.services.planner.test_service import (  # noqa: F401
     submit,
 )
 from tests.services.planner.test_store import saved
-from tests.waiting import until
+from tests.waiting import repeat_until, until
 
 #: A room in two halves, joined by an opening of 1.25 m. The cameras have seen all of it.
 HALVES = """
@@ -85,7 +85,7 @@ def waits(client, door):  # noqa: F811
 
 def begin_at_closed_door(planner, client, door, file):  # noqa: F811
     service = planner(QUICK.model_copy(update={"building_file": file}))
-    until(lambda: door("closed") or service._missions._areas.state_of("floor-r1", "lobby") == "closed", lambda: "", 5.0)
+    repeat_until(lambda: door("closed"), lambda: service._missions._areas.state_of("floor-r1", "lobby") == "closed")
     submit(client)
     return waits(client, door)
 
@@ -171,7 +171,7 @@ def test_what_was_closed_before_a_restart_counts_until_something_is_said(make_no
     areas.remember_closed("floor-r1", ("lobby",))
     assert areas.state_of("floor-r1", "lobby") == "closed"
     assert areas.state_of("floor-r1", "entrance") == "unknown"
-    until(lambda: door("open") or areas.state_of("floor-r1", "lobby") == "open", lambda: "", 5.0)
+    repeat_until(lambda: door("open"), lambda: areas.state_of("floor-r1", "lobby") == "open")
     later = BuildingAreas(make_node("planner", "later"), file)
     monkeypatch.setattr("surveilnav.services.planner.areas._MAX_AGE_S", 0.0)
     later.remember_closed("floor-r1", ("lobby",))
@@ -202,13 +202,13 @@ def test_others_are_told_of_zones_and_doors_and_of_each_change(planner, client, 
     with pytest.raises(Refused, match="no areas of floor 'attic'"):
         client.ask(FLOOR_AREAS, floor="attic")
     file.write_text("building: test")
-    until(lambda: service.step() or [r.message.areas for r in heard.rows()] == [[]], lambda: heard.rows())
+    repeat_until(service.step, lambda: [r.message.areas for r in heard.rows()] == [[]], lambda: heard.rows())
 
 
 def test_what_nobody_says_any_more_is_unknown(make_node, door, file, monkeypatch):
     node = make_node("planner", "planner")
     areas = BuildingAreas(node, file)
-    until(lambda: door("closed") or areas.state_of("floor-r1", "lobby") == "closed", lambda: "", 5.0)
+    repeat_until(lambda: door("closed"), lambda: areas.state_of("floor-r1", "lobby") == "closed")
     assert [a.kind for a in areas.on_floor("floor-r1")] == ["keepout", "closed"]
     monkeypatch.setattr("surveilnav.services.planner.areas._MAX_AGE_S", -1.0)
     assert [a.kind for a in areas.on_floor("floor-r1")] == ["keepout"]
@@ -221,7 +221,7 @@ def test_what_a_person_said_holds_until_the_door_opens(make_node, door, file):
     pauses = Pauses(mission, saved())
 
     def say(state):
-        until(lambda: door(state) or areas.state_of("floor-r1", "lobby") == state, lambda: "", 5.0)
+        repeat_until(lambda: door(state), lambda: areas.state_of("floor-r1", "lobby") == state)
         vouched = mission.vouched
         mission.on_floor("floor-r1")
         assert mission.vouched == vouched, "asking changes nothing"

@@ -56,7 +56,7 @@ from surveilnav.services.planner.config import PlannerSettings
 from surveilnav.services.planner.core import PlannerConfig
 from surveilnav.services.planner.service import PlannerService
 from surveilnav.services.planner.store import Store
-from tests.waiting import patient, until, until_heard
+from tests.waiting import patient, repeat_until, until, until_heard
 
 ROOM = """
 ####################
@@ -755,7 +755,7 @@ def test_paused_and_waiting_missions_outlive_the_planner(fakes, make_node, begin
     assert stands_still(f)
     assert pause(client, paused=False).accepted
     assert end_of(client).found
-    until(lambda: service.step() or status_of(client, "m2").state == "done", timeout_s=20)
+    repeat_until(service.step, lambda: status_of(client, "m2").state == "done", timeout_s=20)
 
 
 def test_a_pause_for_the_robots_frame_outlives_the_planner_and_comes_once(fakes, make_node, begin, client, tmp_path):

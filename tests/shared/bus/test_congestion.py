@@ -24,7 +24,7 @@ from surveilnav.geometry import Grid
 from surveilnav.messages import LayerHeader, Truth
 from surveilnav.services.fusion.core import FusionConfig
 from tests.bulk_stream import BULK
-from tests.waiting import until, until_heard
+from tests.waiting import repeat_until, until, until_heard
 
 #: Takes frames through small buffers, says so, and waits to be stopped.
 READER = """
@@ -90,7 +90,9 @@ def test_a_frozen_reader_silences_nobody(alone, reader, truth, status):
         healthy.subscribe(ROBOT_STATUS, lambda received: told.append(received.message.seq), robot="r1")
         until(lambda: frames.matched and states.matched)
         frozen = reader(frames.key)
-        until(lambda: frames.put(truth(0), b"x") or select.select([frozen.stdout], [], [], 0.05)[0], "no reader")
+        repeat_until(
+            lambda: frames.put(truth(0), b"x"), lambda: select.select([frozen.stdout], [], [], 0.05)[0], "no reader"
+        )
         frozen.send_signal(signal.SIGSTOP)
         for seq in range(1, 61):  # three seconds: its link fills, and the router closes it after two
             frames.put(truth(seq), bytes(1_000_000))

@@ -11,7 +11,7 @@ from surveilnav.bus import Answer, Node
 from surveilnav.contract import ROBOT_OBSERVATION, ROBOT_STATUS, TRAFFIC
 from surveilnav.errors import BusError
 from tests.bulk_stream import BULK
-from tests.waiting import until
+from tests.waiting import until, until_heard
 
 
 def test_a_slot_keeps_only_the_newest(make_node, truth):
@@ -56,6 +56,7 @@ def test_traffic_reports_are_differences_that_a_table_puts_together(make_node, s
 def test_a_table_holds_what_was_put_before_and_after(make_node, status):
     owner, reader = make_node("robot", "r1"), make_node("b", "b")
     owner.serve(ROBOT_STATUS, lambda _: Answer(status(3)), robot="r1")
+    until_heard(lambda: reader.ask(ROBOT_STATUS, robot="r1"))
     table = reader.table(ROBOT_STATUS)
     assert table.get(robot="r1").message.seq == 3
     publisher = owner.publisher(ROBOT_STATUS, robot="r1")

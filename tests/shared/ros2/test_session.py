@@ -19,7 +19,7 @@ from surveilnav.ros2 import types
 from surveilnav.ros2.names import Qos
 from surveilnav.ros2.navigate_to_pose import GoalPose, GoalStatus, NavigateToPose, NavigateToPoseServer
 from surveilnav.ros2.session import RosError, RosMessage, RosSession
-from tests.waiting import until
+from tests.waiting import repeat_until, until
 
 #: The header of little-endian CDR.
 CDR = b"\x00\x01\x00\x00"
@@ -53,7 +53,7 @@ def test_messages_arrive_with_number_time_and_sender(session):
     listener.subscribe("/chatter", "std_msgs/msg/String", received.append)
     publisher = talker.publisher("chatter", "std_msgs/msg/String")
     until(lambda: listener.graph.endpoints("MP", "/chatter") and talker.graph.endpoints("MS", "/chatter"))
-    until(lambda: publisher.put(text("hello")) or received, timeout_s=WAIT_S)
+    repeat_until(lambda: publisher.put(text("hello")), lambda: received, timeout_s=WAIT_S)
     first = received[0]
     assert (first.topic, first.type_name, first.data.data) == ("/chatter", "std_msgs/msg/String", "hello")
     assert first.attachment is not None
@@ -78,7 +78,7 @@ def test_what_cannot_be_read_is_told_and_dropped(session):
     sender, listener = session("sender"), session("listener", on_fault=faults.append)
     listener.subscribe("/odom", "nav_msgs/msg/Odometry", received.append)
     key = f"0/odom/nav_msgs::msg::dds_::Odometry_/{types.type_hash('nav_msgs/msg/Odometry')}"
-    until(lambda: sender.zenoh.put(key, b"\x00\x01\x00\x00junk") or faults, timeout_s=WAIT_S)
+    repeat_until(lambda: sender.zenoh.put(key, b"\x00\x01\x00\x00junk"), lambda: faults, timeout_s=WAIT_S)
     assert "/odom: expected a nav_msgs/msg/Odometry of 8 bytes as CDR" in faults[0]
     assert not received
 
@@ -109,7 +109,7 @@ def test_a_goal_is_accepted_followed_and_reached_or_cancelled(session):
     assert (id, pose.frame, pose.x_m, pose.y_m) == (goal.id, "map", 1.5, -2.0)
     assert pose.yaw_rad == pytest.approx(0.5)
     here = GoalPose("map", 1.0, -1.0, 0.0)
-    until(lambda: driver.server.tell_progress(goal.id, here, 1.25, 2) or goal.progress, timeout_s=WAIT_S)
+    repeat_until(lambda: driver.server.tell_progress(goal.id, here, 1.25, 2), lambda: goal.progress, timeout_s=WAIT_S)
     assert (goal.progress.x_m, goal.progress.distance_remaining_m, goal.progress.recoveries) == (1.0, 1.25, 2)
     driver.server.end(goal.id, GoalStatus.SUCCEEDED)
     assert goal.wait(WAIT_S).status is GoalStatus.SUCCEEDED

@@ -28,7 +28,7 @@ from surveilnav.ros2.session import RosError, RosMessage, RosSession
 from surveilnav.simulator.hardware.config import RobotHardwareSettings
 from surveilnav.simulator.hardware.ros2_robot import Ros2Robot, run
 from surveilnav.simulator.simulation import SimulatedBuilding, SimulationSettings
-from tests.waiting import until
+from tests.waiting import repeat_until, until
 
 WAIT_S = 30.0
 KEPT = Qos(transient_local=True, depth=1)
@@ -236,7 +236,7 @@ def test_it_obeys_velocities_for_half_a_second(rig, stamped):
         time_ = types.make("builtin_interfaces/msg/Time", sec=0, nanosec=0)
         header = types.make("std_msgs/msg/Header", stamp=time_, frame_id="base_link")
         twist = types.make("geometry_msgs/msg/TwistStamped", header=header, twist=twist)
-    until(lambda: publisher.put(twist) or r.robot.robot.turn_rate_rad_s == 0.8, timeout_s=WAIT_S)
+    repeat_until(lambda: publisher.put(twist), lambda: r.robot.robot.turn_rate_rad_s == 0.8, timeout_s=WAIT_S)
     assert r.user.graph.endpoints("MS", "/r7/cmd_vel")[0].type_name == type_name
     until(lambda: r.robot.robot.turn_rate_rad_s == 0.0, timeout_s=WAIT_S)
 
