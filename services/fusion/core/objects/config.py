@@ -26,6 +26,11 @@ class PointsConfig(ConfigPart):
     )
     min_points: int = Field(default=12, ge=1, description="smaller clusters are dropped")
     min_score: float = Field(default=0.25, ge=0, le=1, description="weaker detections are dropped")
+    below_floor_m: float = Field(
+        default=0.3,
+        ge=0,
+        description="what lies lower than this below the floor of its view is on another floor, and is dropped",
+    )
 
 
 class FootPointConfig(ConfigPart):
