@@ -12,7 +12,7 @@ from surveilnav.contract import ROBOT_OBSERVATION
 from surveilnav.geometry import Pinhole, Pose
 from surveilnav.messages import Observation, PayloadPart
 from surveilnav.services.robot_node.publishing import ObservationPublisher
-from tests.waiting import until
+from tests.waiting import patient, until
 
 HERE = Pose.from_matrix(np.eye(4))
 
@@ -51,7 +51,7 @@ def test_each_observation_is_published_once(robot, make_node):
 
 
 def test_who_asks_gets_the_newest_one(robot, make_node):
-    client = make_node("test", "t", alive=False)
+    client = patient(make_node("test", "t", alive=False))
     with pytest.raises(Refused, match="no such observation"):
         client.ask(ROBOT_OBSERVATION, robot="r1")
     robot.publish(*observation(7))
