@@ -107,10 +107,11 @@ def fit_pose(
         | (np.abs(shifts_m - x_m) >= _SAME_M)[None, None, :]
     )
     next_share = float(scores[elsewhere].max()) / max(float(scores[k, i, j]), 1e-9)
-    fine = _Layers(others, p, reach_m, floor_z_m, _FINE_M, _FINE_SIGMA_M)
     near = np.asarray(yaw_rad + np.arange(-4, 5) * _FINE_RAD, np.float64)
-    n_y, n_x = round(y_m / _FINE_M), round(x_m / _FINE_M)
-    fine_scores = fine.scores(mine, near, n_y, n_x, round(1.5 * _COARSE_M / _FINE_M))
+    n_y, n_x, n = round(y_m / _FINE_M), round(x_m / _FINE_M), round(1.5 * _COARSE_M / _FINE_M)
+    box = _box(mine, p, np.append(near, 0.0), max(abs(n_y), abs(n_x)) * _FINE_M + n * _FINE_M)
+    fine = _Layers(_near_box(others, box, _FINE_SIGMA_M), p, reach_m, floor_z_m, _FINE_M, _FINE_SIGMA_M)
+    fine_scores = fine.scores(mine, near, n_y, n_x, n)
     a, b, c = np.unravel_index(int(np.argmax(fine_scores)), fine_scores.shape)
     half, score = fine_scores.shape[1] // 2, float(fine_scores[a, b, c])
     return PoseCorrection(
@@ -139,6 +140,31 @@ def score_poses(
         float(layers.scores(mine, np.array([yaw]), round(y_m / _TEST_M), round(x_m / _TEST_M), 0)[0, 0, 0])
         for yaw, x_m, y_m in poses
     ]
+
+
+def _turned(points: NDArray[np.float64], p: NDArray[np.float64], yaw_rad: float) -> NDArray[np.float64]:
+    """(N, 2) of points (N, 3) turned about p (2,), from there."""
+    cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
+    turned: NDArray[np.float64] = (points[:, :2] - p) @ np.array([[cos, sin], [-sin, cos]])
+    return turned
+
+
+def _box(
+    points: NDArray[np.float64], p: NDArray[np.float64], yaws: NDArray[np.float64], shift_m: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The corners (2,) of the box in which points (N, 3) stay if they are turned about p by some yaws and shifted by up to
+    ``shift_m`` along x and y [m, world]."""
+    turned = [_turned(points, p, float(yaw)) for yaw in yaws]
+    low, high = np.min([t.min(axis=0) for t in turned], axis=0), np.max([t.max(axis=0) for t in turned], axis=0)
+    return p + low - shift_m, p + high + shift_m
+
+
+def _near_box(
+    others: NDArray[np.float64], box: tuple[NDArray[np.float64], NDArray[np.float64]], sigma_m: float
+) -> NDArray[np.float64]:
+    """Those of others (M, 3) that are near enough to a box to count for points in it, rounded to cells."""
+    margin_m = (_FAR_SIGMAS + 1.0) * sigma_m
+    return others[((others[:, :2] >= box[0] - margin_m) & (others[:, :2] <= box[1] + margin_m)).all(axis=1)]
 
 
 def _between(points: NDArray[np.float64], floor_z_m: float) -> NDArray[np.float64]:
@@ -195,9 +221,7 @@ class _Layers:
         """
         out = np.empty((len(yaws), 2 * n + 1, 2 * n + 1))
         for k, yaw in enumerate(yaws):
-            cos, sin = math.cos(yaw), math.sin(yaw)
-            turned = (mine[:, :2] - self._p) @ np.array([[cos, sin], [-sin, cos]])
-            layer, row, col = self._cells(turned, mine[:, 2])
+            layer, row, col = self._cells(_turned(mine, self._p, float(yaw)), mine[:, 2])
             out[k] = _mean_around(self._near, layer, row + row0, col + col0, n)
         return out
 

@@ -17,11 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surveilnav.geometry import Pinhole
-from surveilnav.robot_frame.drift import DriftMonitor, is_large
+from surveilnav.robot_frame.drift import DriftMonitor
 from surveilnav.robot_frame.planar import PlanarTransform
 from surveilnav.sensing.views import PosedView
 from surveilnav.services.fusion.core.maps.cloud import VoxelCloud
-from surveilnav.services.fusion.core.views.pose_fit import PoseCorrection, fit_pose, points_to_fit, score_poses
+from surveilnav.services.fusion.core.views.frame_answers import add_coinciding, add_correction, add_tested
+from surveilnav.services.fusion.core.views.pose_fit import fit_pose, points_to_fit
 from surveilnav.services.fusion.core.views.validation import ViewError
 
 #: What a robot has seen lately are so many views, each taken so far from the last one or turned so far.
@@ -30,17 +31,12 @@ _MAX_KEPT, _MIN_KEPT, _STEP_M, _STEP_RAD = 12, 4, 0.2, math.radians(15.0)
 _SAMPLES, _MAX_OF_VIEW, _MIN_RANGE_M, _MAX_RANGE_M = 40, 200, 0.05, 5.0
 #: Points are compared with a camera that has measured something so near, if so many are. At most so many cameras are asked.
 _NEAR_M, _MIN_NEAR, _MAX_ASKED = 0.6, 300, 4
+#: Once so many of them agree with the robot, the others can't outvote them (``DriftMonitor``).
+_ENOUGH_AGREE = 2
 #: Twelve views that follow each other don't reach farther than this, or the robot isn't believed to have seen them.
 _MAX_SEEN_M = 100.0
-#: Unclear corrections of several cameras count if they are this similar, and not larger than this.
-_COINCIDE_M, _COINCIDE_RAD, _MAX_UNCLEAR_M = 0.2, math.radians(2.5), 0.9
-#: One camera's correction is tested with so many others. A test is clear if points fit so well, and so many times as well as
-#: by the alternative.
-_MAX_TESTED, _MIN_TEST_SCORE, _TIMES_TESTED = 12, 0.4, 1.5
-#: The description is right if points fit so well by it, and so nearly as well as by the best correction.
-_MIN_SCORE, _TIMES_DESCRIBED = 0.45, 1.3
-#: A correction is asked for if points fit so well by it, and so many times as well.
-_MIN_CORRECTED, _TIMES_CORRECTED = 0.5, 1.5
+#: One camera's correction is tested with so many others.
+_MAX_TESTED = 12
 #: A robot is compared if a smaller share of its points lies in such a cell that cameras have measured, or beside one. It is 0.98
 #: and more of healthy robots, and 0.5 to 0.85 of one that is off by 0.5 m.
 _CELL_M, _MIN_SHARE = 0.1, 0.9
@@ -77,7 +73,7 @@ class _Robot:
     seq: int = -1
     n_refused: int = 0
     n_doubted: int = 0
-    is_compared: bool = False  # in this round
+    is_compared: bool = False  # with all cameras, in this round
 
     @property
     def p(self) -> _Points:
@@ -124,11 +120,16 @@ class _Robot:
         self.n_doubted += 1
         return not self.n_doubted & (self.n_doubted - 1)  # a power of two
 
-    def compare(self, cloud: VoxelCloud, cameras: set[str]) -> None:
-        """Compares what it has seen lately with what cameras have measured."""
+    def compare(self, cloud: VoxelCloud, cameras: set[str], *, until_clear: bool = False) -> bool:
+        """Compares what it has seen lately with what cameras have measured. True if all were asked that could be.
+
+        Args:
+            until_clear: no more cameras are asked once it is clear that the robot is right. That saves half of the time, but
+                doesn't tell which of the others is wrong.
+        """
         mine = self.points()
         if not len(mine):
-            return
+            return True
         floor_z_m = self.places[-1][3]
         overlaps = []
         for camera in sorted(cameras):
@@ -142,15 +143,19 @@ class _Robot:
         for _, camera, near, others in overlaps[:_MAX_ASKED]:
             found = fit_pose(near, others, self.p, floor_z_m)
             if found is not None:
-                _add_correction(answers, unclear, camera, found, self.p)
-        _add_coinciding(answers, unclear, self.p)
+                add_correction(answers, unclear, camera, found, self.p)
+            if until_clear and list(answers.values()).count(None) >= _ENOUGH_AGREE:
+                self.monitor.record(answers, self.p)
+                return False
+        add_coinciding(answers, unclear, self.p)
         # One camera's correction is tested with the others: that takes weaker evidence than finding it does.
         by, hypothesis = self._hypothesis(answers)
         if hypothesis is not None:
             for _, camera, near, others in overlaps[:_MAX_TESTED]:
                 if camera != by and camera not in answers:
-                    _add_tested(answers, camera, hypothesis, near, others, self.places[-1])
+                    add_tested(answers, camera, hypothesis, near, others, self.places[-1])
         self.monitor.record(answers, self.p)
+        return True
 
     def _hypothesis(self, answers: Mapping[str, PlanarTransform | None]) -> tuple[str, PlanarTransform | None]:
         """A camera that asks for a correction, and the correction: now or, if none does, one from earlier comparisons."""
@@ -222,9 +227,7 @@ class RobotFrames:
         if len(cameras) > 1 and (here := self._on(floor_z_m)):
             measured = cloud.measured_by(cameras)
             for robot in here:
-                robot.is_compared = robot.is_doubtful(measured)
-                if robot.is_compared:
-                    robot.compare(cloud, cameras)
+                robot.is_compared = robot.is_doubtful(measured) and robot.compare(cloud, cameras, until_clear=True)
 
     def _on(self, floor_z_m: float) -> list[_Robot]:
         robots = (robot for _, robot in sorted(self._robots.items()))
@@ -318,65 +321,6 @@ def _share_beside(points: _Points, others: _Points) -> float:
         grown[:-1] |= was[1:]
         there = np.moveaxis(grown, 0, axis)
     return float(there[tuple(np.floor((points - low) / _CELL_M).astype(np.int64).T)].mean())
-
-
-def _add_correction(
-    answers: dict[str, PlanarTransform | None],
-    unclear: dict[str, PlanarTransform],
-    camera: str,
-    found: PoseCorrection,
-    p: _Points,
-) -> None:
-    """Adds a camera's answer about a robot at (2,) ``p``: a clear correction, None for agreement, else perhaps to ``unclear``."""
-    turn = PlanarTransform(0.0, 0.0, found.yaw_rad)
-    x, y = p + np.array([found.x_m, found.y_m]) - turn.apply(p)
-    correction = PlanarTransform(float(x), float(y), found.yaw_rad)
-    large = is_large(correction, p)
-    is_much_better = found.score >= max(_MIN_CORRECTED, _TIMES_CORRECTED * found.described_score)
-    if large and found.is_clear and is_much_better:
-        answers[camera] = correction
-    elif found.score >= _MIN_SCORE:
-        is_as_described = found.score <= _TIMES_DESCRIBED * found.described_score
-        if is_as_described or (found.is_clear and not large):
-            answers[camera] = None
-    at_the_end = max(abs(found.x_m), abs(found.y_m)) > _MAX_UNCLEAR_M  # of what was tried: the best may lie beyond it
-    if camera not in answers and large and not at_the_end and found.score >= _TIMES_DESCRIBED * found.described_score:
-        unclear[camera] = correction
-
-
-def _add_coinciding(
-    answers: dict[str, PlanarTransform | None], unclear: Mapping[str, PlanarTransform], p: _Points
-) -> None:
-    """Adds unclear corrections that coincide: by chance, those of three cameras don't, nor does one with a clear one."""
-    clear = {camera: T for camera, T in answers.items() if T is not None}
-    corrections = {**unclear, **clear}
-    for camera, T in unclear.items():
-        same = {name for name, other in corrections.items() if name != camera and _coincide(T, other, p)}
-        if len(same) >= 2 or same & clear.keys():
-            answers[camera] = T
-
-
-def _coincide(one: PlanarTransform, other: PlanarTransform, p: _Points) -> bool:
-    off_m, off_rad = one.difference(other, p)
-    return off_m <= _COINCIDE_M and off_rad <= _COINCIDE_RAD
-
-
-def _add_tested(
-    answers: dict[str, PlanarTransform | None],
-    camera: str,
-    hypothesis: PlanarTransform,
-    points: _Points,
-    others: _Points,
-    place: tuple[float, float, float, float],
-) -> None:
-    """Tests another camera's correction: adds it if this camera's points clearly fit better with it, None if without it."""
-    p = np.array(place[:2])
-    dx_m, dy_m = (hypothesis.apply(p) - p).tolist()
-    by_robot, corrected = score_poses(points, others, p, place[3], [(0.0, 0.0, 0.0), (hypothesis.yaw_rad, dx_m, dy_m)])
-    if corrected >= max(_MIN_TEST_SCORE, _TIMES_TESTED * by_robot):
-        answers[camera] = hypothesis
-    elif by_robot >= max(_MIN_TEST_SCORE, _TIMES_TESTED * corrected):
-        answers[camera] = None
 
 
 def _cameras_of(cloud: VoxelCloud) -> set[str]:

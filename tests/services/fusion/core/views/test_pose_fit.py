@@ -9,7 +9,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from surveilnav.services.fusion.core.views.pose_fit import _mean_around, fit_pose, points_to_fit
+from surveilnav.services.fusion.core.views.pose_fit import (
+    _box,
+    _Layers,
+    _mean_around,
+    _near_box,
+    fit_pose,
+    points_to_fit,
+)
 
 
 @settings(max_examples=60, deadline=None)
@@ -49,6 +56,19 @@ def test_a_known_turn_and_shift_are_found(yaw_deg, x_m, y_m):
     assert (found.x_m, found.y_m) == (pytest.approx(x_m, abs=0.04), pytest.approx(y_m, abs=0.04))
     assert found.is_clear == (yaw_deg != 0.0)
     assert (found.described_score == found.score) == (yaw_deg == 0.0)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_lies_too_far_away_to_count_changes_no_score(seed):
+    """Others' points that are far from all places where a point of one's own may come to lie are left out of the fine layers."""
+    rng, p, yaws, n = np.random.default_rng(seed), np.zeros(2), np.radians([-2.0, 0.0, 1.0]), 6
+    others = np.vstack([walls(rng, 500, -1 - k, -1 - k, 1 + k, 1 + k) for k in np.arange(0.0, 2.0, 0.1)])
+    others = others[others[:, 2] > 0.2]
+    mine = walls(rng, 300, -1, -1, 1, 1) + np.array([0.3, 0.1, 0.0])
+    near = _near_box(others, _box(mine, p, yaws, n * 0.025), 0.05)
+    assert len(near) < len(others)
+    all_scores, scores = (_Layers(o, p, 4.0, 0.0, 0.025, 0.05).scores(mine, yaws, 0, 0, n) for o in (others, near))
+    assert np.array_equal(scores, all_scores)
 
 
 def test_too_few_points_are_no_answer():
