@@ -31,6 +31,9 @@ class PointsConfig(ConfigPart):
         ge=0,
         description="what lies lower than this below the floor of its view is on another floor, and is dropped",
     )
+    above_floor_m: float = Field(
+        default=2.5, gt=0, description="... and so is what begins higher than this above it, on a gallery for example"
+    )
 
 
 class FootPointConfig(ConfigPart):
