@@ -114,8 +114,10 @@ class ObjectMap:
         return objects
 
     def _is_on_another_floor(self, located: LocatedDetection) -> bool:
-        """Whether all of a thing lies below this floor or far above it: it was seen down a stairwell, or from or on a gallery, and
-        no way on this floor leads to it. Whoever is on its own floor will see it there."""
+        """Whether all of a thing lies below this floor or far above it: it was seen down a stairwell, from a gallery or on one.
+
+        No way on this floor leads to it. Whoever is on its own floor will see it there.
+        """
         c, shape = self._config.points, located.shape
         lies_below = shape.p_max[2] < self._floor_z_m - c.below_floor_m
         return bool(lies_below or shape.p_min[2] > self._floor_z_m + c.above_floor_m)
