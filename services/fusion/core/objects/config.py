@@ -27,12 +27,9 @@ class PointsConfig(ConfigPart):
     min_points: int = Field(default=12, ge=1, description="smaller clusters are dropped")
     min_score: float = Field(default=0.25, ge=0, le=1, description="weaker detections are dropped")
     below_floor_m: float = Field(
-        default=0.3,
+        default=0.5,
         ge=0,
-        description="what lies lower than this below the floor of its view is on another floor, and is dropped",
-    )
-    above_floor_m: float = Field(
-        default=2.5, gt=0, description="... and so is what begins higher than this above it, on a gallery for example"
+        description="what lies lower than this below a floor is on another one, and is dropped. More than the map's `tau_z_m`",
     )
 
 

@@ -64,7 +64,7 @@ class ObjectMap:
         """
         # masks -> points in the world
         located = locate_all(view, detections, self._voxel_m, self._config, embedding_model)
-        located = [found for found in located if not self._is_on_another_floor(found)]
+        located = [found for found in located if not self._is_below_floor(found)]
         self.add_located(view, detections, located)
         return len(located)
 
@@ -113,14 +113,12 @@ class ObjectMap:
             objects._objects[of_object["id"]] = MapObject.from_state(of_object, voxel_m, config)
         return objects
 
-    def _is_on_another_floor(self, located: LocatedDetection) -> bool:
-        """Whether all of a thing lies below this floor or far above it: it was seen down a stairwell, from a gallery or on one.
+    def _is_below_floor(self, located: LocatedDetection) -> bool:
+        """Whether all of a thing lies below this floor: it was seen down a stairwell or from a gallery.
 
         No way on this floor leads to it. Whoever is on its own floor will see it there.
         """
-        c, shape = self._config.points, located.shape
-        lies_below = shape.p_max[2] < self._floor_z_m - c.below_floor_m
-        return bool(lies_below or shape.p_min[2] > self._floor_z_m + c.above_floor_m)
+        return bool(located.shape.p_max[2] < self._floor_z_m - self._config.points.below_floor_m)
 
     # --- association ----------------------------------------------------------------------------------------------
 

@@ -31,8 +31,6 @@ _MAX_KEPT, _MIN_KEPT, _STEP_M, _STEP_RAD = 12, 4, 0.2, math.radians(15.0)
 _SAMPLES, _MAX_OF_VIEW, _MIN_RANGE_M, _MAX_RANGE_M = 40, 200, 0.05, 5.0
 #: Points are compared with a camera that has measured something so near, if so many are. At most so many cameras are asked.
 _NEAR_M, _MIN_NEAR, _MAX_ASKED = 0.6, 300, 4
-#: Once so many of them agree with the robot, the others can't outvote them (``DriftMonitor``).
-_ENOUGH_AGREE = 2
 #: Twelve views that follow each other don't reach farther than this, or the robot isn't believed to have seen them.
 _MAX_SEEN_M = 100.0
 #: One camera's correction is tested with so many others.
@@ -73,7 +71,7 @@ class _Robot:
     seq: int = -1
     n_refused: int = 0
     n_doubted: int = 0
-    is_compared: bool = False  # with all cameras, in this round
+    is_compared: bool = False  # in this round
 
     @property
     def p(self) -> _Points:
@@ -120,16 +118,11 @@ class _Robot:
         self.n_doubted += 1
         return not self.n_doubted & (self.n_doubted - 1)  # a power of two
 
-    def compare(self, cloud: VoxelCloud, cameras: set[str], *, until_clear: bool = False) -> bool:
-        """Compares what it has seen lately with what cameras have measured. True if all were asked that could be.
-
-        Args:
-            until_clear: no more cameras are asked once it is clear that the robot is right. That saves half of the time, but
-                doesn't tell which of the others is wrong.
-        """
+    def compare(self, cloud: VoxelCloud, cameras: set[str]) -> None:
+        """Compares what it has seen lately with what cameras have measured."""
         mine = self.points()
         if not len(mine):
-            return True
+            return
         floor_z_m = self.places[-1][3]
         overlaps = []
         for camera in sorted(cameras):
@@ -144,9 +137,6 @@ class _Robot:
             found = fit_pose(near, others, self.p, floor_z_m)
             if found is not None:
                 add_correction(answers, unclear, camera, found, self.p)
-            if until_clear and list(answers.values()).count(None) >= _ENOUGH_AGREE:
-                self.monitor.record(answers, self.p)
-                return False
         add_coinciding(answers, unclear, self.p)
         # One camera's correction is tested with the others: that takes weaker evidence than finding it does.
         by, hypothesis = self._hypothesis(answers)
@@ -155,7 +145,6 @@ class _Robot:
                 if camera != by and camera not in answers:
                     add_tested(answers, camera, hypothesis, near, others, self.places[-1])
         self.monitor.record(answers, self.p)
-        return True
 
     def _hypothesis(self, answers: Mapping[str, PlanarTransform | None]) -> tuple[str, PlanarTransform | None]:
         """A camera that asks for a correction, and the correction: now or, if none does, one from earlier comparisons."""
@@ -227,7 +216,9 @@ class RobotFrames:
         if len(cameras) > 1 and (here := self._on(floor_z_m)):
             measured = cloud.measured_by(cameras)
             for robot in here:
-                robot.is_compared = robot.is_doubtful(measured) and robot.compare(cloud, cameras, until_clear=True)
+                robot.is_compared = robot.is_doubtful(measured)
+                if robot.is_compared:
+                    robot.compare(cloud, cameras)
 
     def _on(self, floor_z_m: float) -> list[_Robot]:
         robots = (robot for _, robot in sorted(self._robots.items()))

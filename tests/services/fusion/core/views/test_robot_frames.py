@@ -14,8 +14,6 @@ from surveilnav.robot_frame import PlanarTransform
 from surveilnav.services.fusion.core import JointMap
 from surveilnav.services.fusion.core.config import ValidationConfig
 from surveilnav.services.fusion.core.snapshot import dump, load
-from surveilnav.services.fusion.core.views import robot_frames
-from surveilnav.services.fusion.core.views.pose_fit import fit_pose
 from surveilnav.services.fusion.core.views.quarantine import Quarantine
 from surveilnav.services.fusion.core.views.validation import ViewError
 
@@ -120,19 +118,6 @@ def test_a_healthy_robot_with_the_noise_of_its_localisation_is_not_named(cameras
     assert set(accept(joint, noisy)) == {""}
     assert joint.quarantine.reasons() == {}
     assert joint.quarantine.frames.problems() == {}
-
-
-def test_two_cameras_that_agree_settle_a_doubt_and_all_are_asked_once_a_camera_is_accused(cameras, walk, monkeypatch):
-    joint = mapped(cameras, *PLACES)
-    accept(joint, walk)
-    frames, cloud = joint.quarantine.frames, joint._floors["0"].geometry.cloud
-    asked = []
-    monkeypatch.setattr(robot_frames, "fit_pose", lambda *args: asked.append(args) or fit_pose(*args))
-    monkeypatch.setattr(robot_frames._Robot, "is_doubtful", lambda *_: True)
-    frames.compare_doubtful(cloud, 0.0)
-    assert len(asked) == 2
-    frames.accused_of(["camera/c"], cloud, 0.0)
-    assert len(asked) == 2 + len(PLACES)
 
 
 def test_a_jump_in_mid_way_is_named(cameras, walk):
