@@ -11,7 +11,7 @@ from surveilnav.bus import Node, Unanswered
 T = TypeVar("T")
 
 
-def until(condition: Callable[[], T], why: str | Callable[[], object] = "it never came", timeout_s: float = 10.0) -> T:
+def until(condition: Callable[[], T], why: str | Callable[[], object] = "it never came", timeout_s: float = 20.0) -> T:
     """The condition's first true value; AssertionError after ``timeout_s``, with ``why``, or with what ``why()`` then is."""
     end_s = time.monotonic() + timeout_s
     while not (found := condition()):
@@ -24,7 +24,7 @@ def repeat_until(
     act: Callable[[], object],
     condition: Callable[[], T],
     why: str | Callable[[], object] = "it never came",
-    timeout_s: float = 10.0,
+    timeout_s: float = 20.0,
 ) -> T:
     """``until(condition)``, with ``act()`` before each look, whatever it returns.
 
@@ -48,7 +48,7 @@ def heard(ask: Callable[[], T]) -> T | None:
         return None
 
 
-def until_heard(ask: Callable[[], T], timeout_s: float = 10.0) -> T:
+def until_heard(ask: Callable[[], T], timeout_s: float = 20.0) -> T:
     """``ask()``'s answer, asked again until the router has heard of who answers; what isn't None."""
     answer = until(lambda: [a] if (a := heard(ask)) is not None else None, "nobody was ever heard", timeout_s)
     assert answer is not None

@@ -156,16 +156,3 @@ def request_of() -> Callable[..., tuple[InferRequest, bytes]]:
 @pytest.fixture
 def scripted() -> type[Scripted]:
     return Scripted
-
-
-@pytest.fixture
-def until() -> Callable[[Callable[[], bool]], None]:
-    """Waits until something holds."""
-
-    def wait(holds: Callable[[], bool]) -> None:
-        until_s = time.monotonic() + 10
-        while not holds():
-            assert time.monotonic() < until_s, "it never held"
-            time.sleep(0.005)
-
-    return wait

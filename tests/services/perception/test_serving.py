@@ -20,9 +20,10 @@ from surveilnav.sensing.packing import pack_array
 from surveilnav.services.perception import __main__ as main
 from surveilnav.simulator.truth.backends import Oracle
 from surveilnav.storage import write_parts
+from tests.waiting import until
 
 
-def submit_in_order(pool, worker, until, requests):
+def submit_in_order(pool, worker, requests):
     """Asks one after the other, so that they wait decoded in this order, and doesn't wait for answers."""
 
     def taken_in():
@@ -37,14 +38,14 @@ def submit_in_order(pool, worker, until, requests):
     return futures
 
 
-def test_what_waits_when_a_stage_falls_free_is_one_batch(make_worker, scripted, request_of, until):
+def test_what_waits_when_a_stage_falls_free_is_one_batch(make_worker, scripted, request_of):
     backend = scripted()
     worker = make_worker(backend, max_batch=3)
     backend.let["detect"].clear()
     with ThreadPoolExecutor(6) as pool:
-        first = submit_in_order(pool, worker, until, [request_of(10)])
+        first = submit_in_order(pool, worker, [request_of(10)])
         until(lambda: bool(backend.batches["detect"]))
-        others = submit_in_order(pool, worker, until, [request_of(shade) for shade in (20, 30, 40, 50)])
+        others = submit_in_order(pool, worker, [request_of(shade) for shade in (20, 30, 40, 50)])
         backend.let["detect"].set()
         for answer in (*first, *others):
             assert answer.result().detections[0].label == "chair"
@@ -52,7 +53,7 @@ def test_what_waits_when_a_stage_falls_free_is_one_batch(make_worker, scripted, 
     assert [len(b) for b in backend.batches["detect"]] == [1, 3, 1]
 
 
-def test_the_detector_goes_on_while_the_embedder_is_stuck(make_worker, scripted, request_of, until):
+def test_the_detector_goes_on_while_the_embedder_is_stuck(make_worker, scripted, request_of):
     backend = scripted()
     worker = make_worker(backend, max_batch=1)
     backend.let["embed"].clear()
@@ -64,15 +65,15 @@ def test_the_detector_goes_on_while_the_embedder_is_stuck(make_worker, scripted,
         assert [a.result().view for a in answers] == [10, 20, 30]
 
 
-def test_a_robot_goes_before_cameras(make_worker, scripted, request_of, until):
+def test_a_robot_goes_before_cameras(make_worker, scripted, request_of):
     backend = scripted()
     worker = make_worker(backend, max_batch=1, decoders=1)
     backend.let["detect"].clear()
     asked = [(10, "camera/a"), (20, "camera/b"), (30, "camera/c"), (40, "robot/r")]
     with ThreadPoolExecutor(4) as pool:
-        answers = submit_in_order(pool, worker, until, [request_of(asked[0][0], asked[0][1])])
+        answers = submit_in_order(pool, worker, [request_of(asked[0][0], asked[0][1])])
         until(lambda: bool(backend.batches["detect"]))
-        answers += submit_in_order(pool, worker, until, [request_of(*a) for a in asked[1:]])
+        answers += submit_in_order(pool, worker, [request_of(*a) for a in asked[1:]])
         until(lambda: sum(worker.service.load().times["decode"]) == 4)
         backend.let["detect"].set()
         for answer in answers:
@@ -80,15 +81,15 @@ def test_a_robot_goes_before_cameras(make_worker, scripted, request_of, until):
     assert backend.batches["detect"] == [[10], [40], [20], [30]]
 
 
-def test_one_bad_picture_in_a_batch_fails_alone(make_worker, scripted, request_of, until):
+def test_one_bad_picture_in_a_batch_fails_alone(make_worker, scripted, request_of):
     backend = scripted()
     worker = make_worker(backend, max_batch=4)
     backend.let["detect"].clear()
     backend.bad = {30}
     with ThreadPoolExecutor(4) as pool:
-        answers = submit_in_order(pool, worker, until, [request_of(10)])
+        answers = submit_in_order(pool, worker, [request_of(10)])
         until(lambda: bool(backend.batches["detect"]))
-        answers += submit_in_order(pool, worker, until, [request_of(shade) for shade in (20, 30, 40)])
+        answers += submit_in_order(pool, worker, [request_of(shade) for shade in (20, 30, 40)])
         until(lambda: sum(worker.service.load().times["decode"]) == 4)
         backend.let["detect"].set()
         assert [answers[i].result().view for i in (0, 1, 3)] == [10, 20, 40]
@@ -98,7 +99,7 @@ def test_one_bad_picture_in_a_batch_fails_alone(make_worker, scripted, request_o
     assert worker.service.load().queued == 0
 
 
-def test_of_many_that_ask_at_once_each_is_answered_or_told_when_to_come_again(make_worker, scripted, request_of, until):
+def test_of_many_that_ask_at_once_each_is_answered_or_told_when_to_come_again(make_worker, scripted, request_of):
     backend = scripted()
     worker = make_worker(backend, capacity=4)
     backend.let["detect"].clear()
@@ -118,7 +119,7 @@ def test_of_many_that_ask_at_once_each_is_answered_or_told_when_to_come_again(ma
 
 
 def test_who_is_refused_before_a_worker_could_read_the_request_is_told_when_to_come_again(
-    make_worker, scripted, request_of, until
+    make_worker, scripted, request_of
 ):
     backend = scripted()
     worker = make_worker(backend)
@@ -142,15 +143,15 @@ def test_who_is_refused_before_a_worker_could_read_the_request_is_told_when_to_c
     assert all(error.retry_after_ms for error in refused)
 
 
-def test_a_newer_view_takes_the_place_of_one_that_waits(make_worker, scripted, request_of, until):
+def test_a_newer_view_takes_the_place_of_one_that_waits(make_worker, scripted, request_of):
     backend = scripted()
     worker = make_worker(backend, max_batch=1)
     backend.let["detect"].clear()
     with ThreadPoolExecutor(4) as pool:
-        submit_in_order(pool, worker, until, [request_of(10)])
+        submit_in_order(pool, worker, [request_of(10)])
         until(lambda: bool(backend.batches["detect"]))
-        (old,) = submit_in_order(pool, worker, until, [request_of(20, view=5, seq=1, asker="fusion")])
-        (other,) = submit_in_order(pool, worker, until, [request_of(30, view=5, seq=1, asker="somebody else")])
+        (old,) = submit_in_order(pool, worker, [request_of(20, view=5, seq=1, asker="fusion")])
+        (other,) = submit_in_order(pool, worker, [request_of(30, view=5, seq=1, asker="somebody else")])
         new = pool.submit(worker.ask, request_of(40, view=5, seq=2, asker="fusion"))
         with pytest.raises(Refused) as error:
             old.result()
@@ -160,7 +161,7 @@ def test_a_newer_view_takes_the_place_of_one_that_waits(make_worker, scripted, r
     assert error.value.name == "superseded"
 
 
-def test_a_view_of_no_use_any_more_is_dropped_if_it_waits(make_worker, scripted, request_of, until):
+def test_a_view_of_no_use_any_more_is_dropped_if_it_waits(make_worker, scripted, request_of):
     backend = scripted()
     worker = make_worker(backend, max_batch=1)
     backend.let["detect"].clear()
@@ -169,11 +170,11 @@ def test_a_view_of_no_use_any_more_is_dropped_if_it_waits(make_worker, scripted,
         return InferRequest(stamp_ns=stamp_ns, source="robot/r", view=5, seq=1, cancel=True, **changes), b""
 
     with ThreadPoolExecutor(4) as pool:
-        submit_in_order(pool, worker, until, [request_of(10)])
+        submit_in_order(pool, worker, [request_of(10)])
         until(lambda: bool(backend.batches["detect"]))
         asked = [(20, 7, "fusion"), (30, 7, "somebody else"), (40, 8, "a third")]
         loser, other, newer = submit_in_order(
-            pool, worker, until, [request_of(shade, view=5, stamp_ns=at, asker=asker) for shade, at, asker in asked]
+            pool, worker, [request_of(shade, view=5, stamp_ns=at, asker=asker) for shade, at, asker in asked]
         )
         worker.ask(cancel(7, asker="a third"))  # it has asked again since
         told = worker.ask(cancel(7, asker="fusion"))
@@ -247,9 +248,7 @@ def test_a_kept_answer_that_means_nothing_any_more_is_given_anew(
     assert backend.batches["detect"] == [[10], [10]], "given anew once, and kept"
 
 
-def test_a_known_view_with_a_new_prompt_waits_for_the_backend_and_holds_up_nobody(
-    make_worker, scripted, request_of, until
-):
+def test_a_known_view_with_a_new_prompt_waits_for_the_backend_and_holds_up_nobody(make_worker, scripted, request_of):
     backend = scripted()
     worker = make_worker(backend, max_batch=1)
     worker.ask(request_of(10, prompts=["tv"]))
@@ -289,7 +288,7 @@ def test_what_is_told_the_truth_is_not_remembered(make_worker, request_of, clien
     assert boxes == [(20.0, 10.0, 40.0, 30.0), (40.0, 10.0, 60.0, 30.0)]
 
 
-def test_the_last_stage_and_texts_take_turns(make_worker, scripted, request_of, until):
+def test_the_last_stage_and_texts_take_turns(make_worker, scripted, request_of):
     backend = scripted()
     worker = make_worker(backend)
     backend.let["embed"].clear()

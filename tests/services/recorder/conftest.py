@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -115,13 +113,6 @@ class Tools:
     @staticmethod
     def jpeg_of(data: bytes) -> np.ndarray | None:
         return cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
-
-    @staticmethod
-    def until(condition: Callable[[], object], timeout_s: float = 20.0) -> None:
-        end_s = time.monotonic() + timeout_s
-        while not condition():
-            assert time.monotonic() < end_s, "it never happened"
-            time.sleep(0.01)
 
 
 @pytest.fixture(scope="session")

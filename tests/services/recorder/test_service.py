@@ -22,6 +22,7 @@ from surveilnav.services.recorder.recorded import (
     read_recording,
 )
 from surveilnav.services.recorder.service import RecorderService
+from tests.waiting import until
 
 
 class Fakes:
@@ -127,7 +128,7 @@ class Running:
             self.service.step()
             return bool(condition())
 
-        self.tools.until(met)
+        until(met)
 
     def close(self) -> None:
         self.service.close()
@@ -157,7 +158,7 @@ def test_missions_that_begin_together_have_fusion_write_its_maps_once(bus, recor
     bus.put_status("m1", "active")
     bus.put_status("m2", "active")
     heard = recorder.service._tables[contract.MISSION_STATUS]
-    recorder.tools.until(lambda: len(heard.rows()) == 2)  # before the loop turns
+    until(lambda: len(heard.rows()) == 2)  # before the loop turns
     recorder.turn_until(lambda: len(recorder.states()) == 2 and bus.asked)
     bus.log += [4]
     bus.put_status("m1", "done", step=3)
@@ -173,7 +174,7 @@ def test_it_says_how_it_is_while_fusion_keeps_it_waiting(bus, recorder):
     bus.put_status("m1", "active")
     recorder.turn_until(lambda: bus.asked)
     before = clock_ns()  # from here on nobody turns the loop
-    recorder.tools.until(lambda: any(row.message.stamp_ns > before for row in statuses.rows()))
+    until(lambda: any(row.message.stamp_ns > before for row in statuses.rows()))
 
 
 def test_a_mission_is_recorded_from_its_maps_to_its_end(bus, recorder):

@@ -18,6 +18,7 @@ from surveilnav.services.recorder.file import RecordingFile
 from surveilnav.services.recorder.folder import RecordingFolder
 from surveilnav.services.recorder.reading import BEGIN, END, RecordingError, records
 from surveilnav.services.recorder.writer import RecordingWriter
+from tests.waiting import until
 
 ID, OTHER = recording_id(10**18, "m1"), recording_id(10**18 + 10**9, "m2")
 
@@ -53,11 +54,11 @@ def test_what_is_recorded_is_in_the_file_soon_and_after_the_end(tmp_path, tools,
     node, writer = writers(tools, tmp_path, flush_s=0.05)
     writer.begin(ID, {"mission": "m1", "target": "tv"})
     assert writer.record([ID], tools.view_message(1))
-    tools.until(lambda: RecordingFolder(tmp_path).files() and RecordingFolder(tmp_path).path_of(ID).stat().st_size)
-    tools.until(lambda: count(tmp_path, ID) == 5)
+    until(lambda: RecordingFolder(tmp_path).files() and RecordingFolder(tmp_path).path_of(ID).stat().st_size)
+    until(lambda: count(tmp_path, ID) == 5)
     assert states(tmp_path) == {"m1": "recording"}
     writer.end(ID, {"number": "1"})
-    tools.until(lambda: states(tmp_path) == {"m1": "complete"})
+    until(lambda: states(tmp_path) == {"m1": "complete"})
     assert RecordingFolder(tmp_path).recordings()[0].target == "tv"
     assert node.said == ["recording", "recorded"]
 
@@ -103,7 +104,7 @@ def test_a_slow_disk_drops_and_counts_and_nobody_waits(tmp_path, tools, writers,
     assert not writer.has_room
     assert "the disk is too slow" in node.said
     go_on.set()
-    tools.until(lambda: writer.has_room)
+    until(lambda: writer.has_room)
     assert writer.record([ID], tools.status_message(999))
     writer.close()
     assert count(tmp_path, ID) == taken + 2
@@ -124,11 +125,11 @@ def test_a_disk_that_fills_ends_the_recording_says_it_once_and_the_next_one_work
     writer.begin(ID, {})
     for i in range(1, 4):
         writer.record([ID], tools.view_message(i))
-    tools.until(lambda: RecordingFolder(tmp_path).files() and count(tmp_path, ID) == 15)
+    until(lambda: RecordingFolder(tmp_path).files() and count(tmp_path, ID) == 15)
     full.set()
     for i in range(4, 50):
         writer.record([ID], tools.view_message(i))
-    tools.until(lambda: ID in writer.failed)
+    until(lambda: ID in writer.failed)
     assert "No space left" in writer.problem
     assert "SURVEILNAV_RECORDER__FOLDER" in writer.problem
     assert writer.open == []
@@ -136,11 +137,11 @@ def test_a_disk_that_fills_ends_the_recording_says_it_once_and_the_next_one_work
     writer.record([ID], tools.view_message(50))  # its mission goes on
     assert writer.problem
     writer.end(ID, {"number": "50"})
-    tools.until(lambda: not writer.problem and not writer.failed)
+    until(lambda: not writer.problem and not writer.failed)
     writer.begin(OTHER, {})
     writer.record([OTHER], tools.view_message(1))
     writer.end(OTHER, {"number": "1"})
-    tools.until(lambda: states(tmp_path).get("m2") == "complete")
+    until(lambda: states(tmp_path).get("m2") == "complete")
     assert states(tmp_path) == {"m1": "interrupted", "m2": "complete"}
     assert count(tmp_path, ID) >= 15
     assert (writer.problem, node.said.count("recording stopped")) == ("", 1)
@@ -153,19 +154,19 @@ def test_others_need_what_is_left_of_the_disk(tmp_path, tools, writers, monkeypa
     writer._settings.min_free_mb = 1000
     writer.begin(ID, {})
     writer.record([ID], tools.view_message(1))
-    tools.until(lambda: writer.open == [ID])
+    until(lambda: writer.open == [ID])
     free = 999 << 20
-    tools.until(lambda: ID in writer.failed)
+    until(lambda: ID in writer.failed)
     assert "999 MB are left" in writer.problem
     writer.begin(OTHER, {})
-    tools.until(lambda: OTHER in writer.failed)
+    until(lambda: OTHER in writer.failed)
     assert states(tmp_path) == {"m1": "interrupted"}
 
 
 def test_files_of_earlier_runs_make_room_first(tmp_path, tools, writers):
     (tmp_path / f"{ID}.mcap").touch()  # of 2001
     _, writer = writers(tools, tmp_path, max_mb=3, max_days=30)
-    tools.until(lambda: not (tmp_path / f"{ID}.mcap").exists())  # it enforces the limits at its start
+    until(lambda: not (tmp_path / f"{ID}.mcap").exists())  # it enforces the limits at its start
     now_ns = time.time_ns()
     ids = [recording_id(now_ns - (10 - i) * 10**9, "old") for i in range(4)]
     for id in ids:
@@ -174,11 +175,11 @@ def test_files_of_earlier_runs_make_room_first(tmp_path, tools, writers):
     (tmp_path / "precious.txt").write_bytes(bytes(9 << 20))
     new = recording_id(now_ns, "m1")
     writer.begin(new, {})
-    tools.until(lambda: writer.open)
+    until(lambda: writer.open)
     assert len(RecordingFolder(tmp_path).files()) == 4, "one went before, though the new file has next to nothing yet"
     writer.end(new, {"number": "0"})
     # The file is complete a moment before the limits are enforced again.
-    tools.until(lambda: len(RecordingFolder(tmp_path).files()) <= 3)
+    until(lambda: len(RecordingFolder(tmp_path).files()) <= 3)
     assert [f.id for f in RecordingFolder(tmp_path).files()] == [new, *reversed(ids[2:])]
     assert states(tmp_path)["m1"] == "complete"
     assert {p.name for p in tmp_path.glob("*")} >= {"notes.mcap", "precious.txt"}
@@ -191,7 +192,7 @@ def test_old_files_go_though_there_is_room(tmp_path, tools, writers, max_days, k
     for path in (young, old):
         path.write_bytes(b"x")
     writers(tools, tmp_path, max_days=max_days, keep_s=keep_s)
-    tools.until(lambda: not old.exists())
+    until(lambda: not old.exists())
     assert young.exists()
 
 
@@ -201,7 +202,7 @@ def test_a_bug_costs_one_message(tmp_path, tools, writers, monkeypatch):
     real = writer_module.FoxgloveConverter.convert
     monkeypatch.setattr(writer_module.FoxgloveConverter, "convert", lambda self, message: 1 / 0)
     writer.record([ID], tools.status_message(1))
-    tools.until(lambda: "a message can't be recorded" in node.said)
+    until(lambda: "a message can't be recorded" in node.said)
     monkeypatch.setattr(writer_module.FoxgloveConverter, "convert", real)
     writer.record([ID], tools.status_message(2))
     writer.close()
@@ -212,11 +213,11 @@ def test_the_folder_reads_and_deletes_recordings_and_nothing_else(tmp_path, tool
     _, writer = writers(tools, tmp_path)
     folder = RecordingFolder(tmp_path)
     writer.begin(ID, {"mission": "m1"})
-    tools.until(lambda: writer.open)
+    until(lambda: writer.open)
     with pytest.raises(Refused, match="being written"):
         folder.delete(ID)
     writer.end(ID, {"number": "0"})
-    tools.until(lambda: states(tmp_path) == {"m1": "complete"})
+    until(lambda: states(tmp_path) == {"m1": "complete"})
     content = (tmp_path / f"{ID}.mcap").read_bytes()
     assert folder.read(ID, 0, 10) == (content[:10], len(content))
     assert folder.read(ID, 5, 10**9) == (content[5:], len(content))
