@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import threading
-import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from surveilnav.bus import BusSettings, Node, Unanswered, clock_ns
+from surveilnav.bus import BusSettings, Node, clock_ns
 from surveilnav.bus.router import free_port, open_router
 from surveilnav.contract import PERCEPTION_INFER
 from surveilnav.errors import PerceptionError, TargetError
@@ -100,15 +99,8 @@ class Worker:
         self.client, self.name = client, settings.worker
 
     def ask(self, asked: tuple[InferRequest, bytes], stream: Any = PERCEPTION_INFER) -> Any:
-        """The answer to a request; again until the router has heard of the worker: on a busy machine that takes a while."""
-        until_s = time.monotonic() + 10
-        while True:
-            try:
-                return self.client.ask(stream, asked[0], payload=asked[1], worker=self.name, timeout_s=20).message
-            except Unanswered as error:
-                if error.timed_out or time.monotonic() > until_s:
-                    raise
-                time.sleep(0.02)
+        """The answer to a request."""
+        return self.client.ask(stream, asked[0], payload=asked[1], worker=self.name, timeout_s=20).message
 
 
 @pytest.fixture

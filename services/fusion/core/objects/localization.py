@@ -39,16 +39,20 @@ class LocatedDetection:
 def locate_all(
     view: PosedView,
     detections: tuple[DetectedObject, ...],
+    floor_z_m: float,
     voxel_m: float,
     config: ObjectConfig,
     embedding_model: str = "",
 ) -> list[LocatedDetection]:
     """Locates the detections of a view, the strongest first, so that a weaker duplicate finds its object already taken.
 
-    Detections that can't be located are left out.
+    Detections that can't be located are left out. So is what lies below the floor at ``floor_z_m`` [m, world]: it was seen down a
+    stairwell or from a gallery, and no way on this floor leads to it. Whoever is on its own floor will see it there.
     """
     strongest_first = sorted(detections, key=lambda d: (-d.score, d.label, d.box_px))
-    return [found for d in strongest_first if (found := locate(view, d, voxel_m, config, embedding_model))]
+    located = (locate(view, d, voxel_m, config, embedding_model) for d in strongest_first)
+    lowest_z_m = floor_z_m - config.points.below_floor_m
+    return [found for found in located if found is not None and found.shape.p_max[2] >= lowest_z_m]
 
 
 def locate(

@@ -63,8 +63,7 @@ class ObjectMap:
             The number of detections that could be located.
         """
         # masks -> points in the world
-        located = locate_all(view, detections, self._voxel_m, self._config, embedding_model)
-        located = [found for found in located if not self._is_below_floor(found)]
+        located = locate_all(view, detections, self._floor_z_m, self._voxel_m, self._config, embedding_model)
         self.add_located(view, detections, located)
         return len(located)
 
@@ -112,13 +111,6 @@ class ObjectMap:
         for of_object in state["objects"]:
             objects._objects[of_object["id"]] = MapObject.from_state(of_object, voxel_m, config)
         return objects
-
-    def _is_below_floor(self, located: LocatedDetection) -> bool:
-        """Whether all of a thing lies below this floor: it was seen down a stairwell or from a gallery.
-
-        No way on this floor leads to it. Whoever is on its own floor will see it there.
-        """
-        return bool(located.shape.p_max[2] < self._floor_z_m - self._config.points.below_floor_m)
 
     # --- association ----------------------------------------------------------------------------------------------
 
